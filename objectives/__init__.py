@@ -1,0 +1,1 @@
+"""What is wanted: goal functions and how they compose. Imports scenes only."""

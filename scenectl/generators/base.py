@@ -1,0 +1,100 @@
+"""What every generator shares: steps that can be guided, a guide it is handed, and motions out.
+
+A generator knows steps and never goals; a guide knows goals and never tokens, noise or codebooks. Every
+method in the literature has moments at which its current belief can be decoded into a motion, so the
+same goals plug into all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from jaxtyping import Float
+from torch import Tensor
+
+from scenes.motion import Motion, Pose2D
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction done, 0 to 1."""
+
+
+class Step(Protocol):
+    """One moment at which a generator can be guided.
+
+    `value` is what the generator believes at that moment (an expected token embedding, logits, a
+    denoised estimate, a latent), with the samples along its first axis.
+    """
+
+    @property
+    def value(self) -> Float[Tensor, "S *v"]: ...
+
+    def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
+        """Motion in world coordinates, ``[S, T, J, 3]``, differentiable in `value`."""
+        ...
+
+    def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
+        """Change of the joints (m) for a change of the value, to first order."""
+        ...
+
+    def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S *v"]:
+        """Gradient in the value for a gradient in the joints."""
+        ...
+
+
+class Guide(Protocol):
+    """What a generator is handed to reach goals it knows nothing about."""
+
+    def log_prob(self, step: Step) -> Float[Tensor, " S"]:
+        """Log-likelihood of the goals, up to a constant (Eq. 40), at the step's own value."""
+        ...
+
+    def gradient(self, step: Step) -> Float[Tensor, "S *v"]:
+        """Gradient of `log_prob` in the step's value."""
+        ...
+
+    def refine(self, step: Step) -> Float[Tensor, "S *v"]:
+        """A value near the step's own that meets the goals better (Eq. 12)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What a generator returns.
+
+    Attributes:
+        motion: world coordinates, ``[S, T, J, 3]``.
+        unrefined: the same before refinement, or None where nothing was refined.
+        trace: figures the generator wants in the report, by name.
+    """
+
+    motion: Motion
+    unrefined: Motion | None = None
+    trace: dict[str, object] = field(default_factory=dict)
+
+
+class Generator(Protocol):
+    """Text and length in, motions out; steered only through a guide."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def fps(self) -> float: ...
+
+    @property
+    def licence(self) -> str:
+        """Licence of the weights, which is stored with every result."""
+        ...
+
+    def generate(
+        self,
+        prompt: str,
+        seconds: float,
+        start: Pose2D,
+        guide: Guide | None = None,
+        samples: int = 1,
+        seed: int = 0,
+        progress: Progress | None = None,
+    ) -> Generation: ...

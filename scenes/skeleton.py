@@ -1,0 +1,90 @@
+"""Skeletons: named joints in a tree, with the offsets of a person standing at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from scenes.errors import UserError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """A tree of joints.
+
+    Attributes:
+        names: joint names, the root first.
+        parents: index of each joint's parent, -1 for the root; parents precede children.
+        offsets: rest offset of each joint from its parent, metres, y up, facing +z.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: tuple[tuple[float, float, float], ...]
+
+    @cached_property
+    def _index(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.names)}
+
+    def index(self, name: str) -> int:
+        """Index of the joint called `name`; raises UserError naming the nearest known joint."""
+        if name not in self._index:
+            raise UserError(f"unknown joint '{name}'{did_you_mean(name, self.names)}")
+        return self._index[name]
+
+    def indices(self, names: list[str] | tuple[str, ...]) -> list[int]:
+        """Indices of several joints, in the order given."""
+        return [self.index(name) for name in names]
+
+    @cached_property
+    def bones(self) -> tuple[tuple[int, int], ...]:
+        """(parent, child) of every bone."""
+        return tuple((p, j) for j, p in enumerate(self.parents) if p >= 0)
+
+    @cached_property
+    def bone_lengths(self) -> np.ndarray:
+        """Length in metres of the bone that ends in each joint, ``[J]``; 0 for the root."""
+        lengths: np.ndarray = np.linalg.norm(np.asarray(self.offsets, dtype=np.float64), axis=-1)
+        return lengths
+
+
+def _humanml3d() -> Skeleton:
+    # Joints of SMPL without the hands. Lengths are those of HumanML3D's uniform skeleton, measured
+    # on its published clip 012314 (every clip of that data set has them); directions are its rest pose.
+    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    rows: list[tuple[str, int, tuple[float, float, float], float]] = [
+        # name, parent, axis, signed length (m)
+        ("pelvis", -1, y, 0.0),
+        ("left_hip", 0, x, 0.103074),
+        ("right_hip", 0, x, -0.109883),
+        ("spine1", 0, y, 0.131568),
+        ("left_knee", 1, y, -0.393623),
+        ("right_knee", 2, y, -0.390188),
+        ("spine2", 3, y, 0.143190),
+        ("left_ankle", 4, y, -0.432433),
+        ("right_ankle", 5, y, -0.425643),
+        ("spine3", 6, y, 0.057365),
+        ("left_foot", 7, z, 0.143382),
+        ("right_foot", 8, z, 0.149419),
+        ("neck", 9, y, 0.219360),
+        ("left_collar", 9, x, 0.137487),
+        ("right_collar", 9, x, -0.143383),
+        ("head", 12, z, 0.103039),
+        ("left_shoulder", 13, y, -0.131614),
+        ("right_shoulder", 14, y, -0.122984),
+        ("left_elbow", 16, y, -0.256840),
+        ("right_elbow", 17, y, -0.263092),
+        ("left_wrist", 18, y, -0.266012),
+        ("right_wrist", 19, y, -0.269876),
+    ]
+    return Skeleton(
+        names=tuple(row[0] for row in rows),
+        parents=tuple(row[1] for row in rows),
+        offsets=tuple((a[0] * s, a[1] * s, a[2] * s) for _, _, a, s in rows),
+    )
+
+
+HUMANML3D = _humanml3d()
+"""HumanML3D's 22 joints on its uniform skeleton."""
