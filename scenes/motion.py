@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -115,7 +116,7 @@ class Motion:
 
     def save(self, path: str | Path, **extra: np.ndarray | float | int | str) -> None:
         """Write `joints`, `valid`, `fps`, `t0`, joint names and parents, and `extra`, to an .npz file."""
-        arrays = {
+        arrays: dict[str, Any] = {
             "joints": self.joints.detach().cpu().numpy().astype(np.float32),
             "valid": self.valid.cpu().numpy(),
             "fps": np.float64(self.fps),
