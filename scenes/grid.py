@@ -1,0 +1,175 @@
+"""A dense grid of signed distances, and its exact trilinear interpolant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from scenes.errors import UserError
+from scenes.files import atomic_write
+
+
+@dataclass(frozen=True, eq=False)
+class SdfGrid:
+    """Signed distances at the nodes of a cubic grid.
+
+    Node ``[i, j, k]`` lies exactly at ``origin + spacing * (i, j, k)``: nodes, not cell centres, and nothing about
+    the mesh's bounds has to be assumed by whoever reads the array.
+
+    Attributes:
+        values: signed distance at the nodes, metres, positive in free space, ``[X, Y, Z]`` float32.
+        origin: position of node ``[0, 0, 0]``, metres, world, ``[3]`` float64.
+        spacing: edge of a voxel, metres.
+        beyond: +1 where the space around the grid is free (an object), -1 where it is solid (around a room).
+    """
+
+    values: Float[Tensor, "X Y Z"]
+    origin: Float[Tensor, "3"]
+    spacing: float
+    beyond: float = 1.0
+    _copies: dict[torch.device, Tensor] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 3 or min(self.values.shape) < 2:
+            raise UserError(f"a distance grid needs 2 or more nodes along 3 axes, not shape {tuple(self.values.shape)}")
+        if not (np.isfinite(self.spacing) and self.spacing > 0):
+            raise UserError(f"a distance grid needs a positive spacing in metres, not {self.spacing}")
+        object.__setattr__(self, "values", self.values.to(torch.float32).contiguous())
+        object.__setattr__(self, "origin", self.origin.to(torch.float64))
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """First and last node, ``[2, 3]``, metres."""
+        low = self.origin.cpu().numpy()
+        return np.stack([low, low + self.spacing * (np.array(self.values.shape) - 1)])
+
+    def nodes(self, index: np.ndarray) -> np.ndarray:
+        """World positions ``[..., 3]`` (m, float64) of the nodes with integer indices ``[..., 3]``."""
+        positions: np.ndarray = self.origin.cpu().numpy() + self.spacing * index
+        return positions
+
+    def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
+        """Trilinear interpolant (m) at `points` (m, world), with its exact gradient.
+
+        Outside the grid: the value at the nearest point of the grid, plus (minus where `beyond` is -1) the distance
+        to that point; this is continuous, and for `beyond` = 1 an upper bound of the true distance. The gradient can
+        be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or infinity.
+        `time` is ignored: a grid does not move.
+        """
+        if points.shape[-1] != 3:
+            raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
+        result: Tensor = _Trilinear.apply(points, self._values_on(points.device), self)  # type: ignore[no-untyped-call]
+        return result
+
+    def _values_on(self, device: torch.device) -> Tensor:
+        if device == self.values.device:
+            return self.values
+        if device not in self._copies:
+            self._copies[device] = self.values.to(device)
+        return self._copies[device]
+
+    def save(self, path: str | Path) -> None:
+        """Write values, origin, spacing and `beyond` to an .npz file, whole or not at all."""
+        with atomic_write(path) as file:
+            np.savez(file, allow_pickle=False, **self.arrays())
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The grid as the arrays that `save` writes."""
+        return {
+            "values": self.values.cpu().numpy(),
+            "origin": self.origin.cpu().numpy(),
+            "spacing": np.float64(self.spacing),  # type: ignore[dict-item]  # 0-d arrays on disk
+            "beyond": np.float64(self.beyond),  # type: ignore[dict-item]
+        }
+
+    @classmethod
+    def load(cls, path: str | Path) -> SdfGrid:
+        """Read a file that `save` wrote; raises UserError for anything else."""
+        path = Path(path)
+        if not path.is_file():
+            raise UserError(f"distance grid '{path}' does not exist")
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                return cls.from_arrays(data)
+        except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
+            raise UserError(
+                f"distance grid '{path}' was not written by scenectl or is damaged ({error}); bake again"
+            ) from error
+
+    @classmethod
+    def from_arrays(cls, data: Any) -> SdfGrid:
+        """Rebuild a grid from the mapping of arrays that `arrays` gave; raises ValueError where they are unsound."""
+        values = np.asarray(data["values"], dtype=np.float32)
+        origin = np.asarray(data["origin"], dtype=np.float64)
+        if origin.shape != (3,) or not np.isfinite(origin).all() or not np.isfinite(values).all():
+            raise ValueError("values or origin are not finite")
+        beyond = float(data["beyond"])
+        if beyond not in (-1.0, 1.0):
+            raise ValueError("'beyond' is neither -1 nor 1")
+        return cls(torch.from_numpy(values), torch.from_numpy(origin), float(data["spacing"]), beyond)
+
+
+class _Trilinear(torch.autograd.Function):
+    """Value and gradient in one pass: the eight corners are gathered once and serve both."""
+
+    @staticmethod
+    def forward(ctx: Any, points: Tensor, values: Tensor, grid: SdfGrid) -> Tensor:
+        flat = points.detach().reshape(-1, 3)
+        value, gradient = _interpolate(flat, values, grid, with_gradient=points.requires_grad)
+        if gradient is not None:
+            ctx.save_for_backward(gradient)
+        return value.reshape(points.shape[:-1])
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None, None]:
+        (gradient,) = ctx.saved_tensors
+        scaled = gradient * grad_output.reshape(-1, 1)
+        return scaled.reshape(*grad_output.shape, 3), None, None
+
+
+def _interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
+    """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``."""
+    size = points.new_tensor(values.shape) - 1
+    # Subtracting the origin in double keeps scenes far from zero exact, as in "origin in world metres".
+    local = ((points.double() - grid.origin.to(points.device)) / grid.spacing).to(points.dtype)
+    inside = local.clamp_min(0).minimum(size)
+    cell = inside.floor().nan_to_num(0.0).minimum(size - 1)
+    x, y, z = (inside - cell).unbind(-1)
+    corners = _corners(values, cell.long()).to(points.dtype)
+    # Collapse z, then y, then x; the differences met on the way are the partial derivatives.
+    along_z = corners[1::2] - corners[0::2]  # (x, y) in 00 01 10 11
+    flat = corners[0::2] + along_z * z
+    along_y = flat[1::2] - flat[0::2]
+    line = flat[0::2] + along_y * y
+    along_x = line[1] - line[0]
+    value = line[0] + along_x * x
+    beyond = (local - inside) * grid.spacing
+    away = torch.linalg.vector_norm(beyond, dim=-1)
+    value = value + grid.beyond * away
+    if not with_gradient:
+        return value, None
+    dy = along_y[0] + (along_y[1] - along_y[0]) * x
+    square = along_z[0::2] + (along_z[1::2] - along_z[0::2]) * y
+    dz = square[0] + (square[1] - square[0]) * x
+    gradient = torch.stack([along_x, dy, dz], dim=-1) / grid.spacing
+    # Along an axis on which a point was clamped the interpolant is constant, and only the distance changes.
+    gradient = torch.where(beyond == 0, gradient, torch.zeros_like(gradient))
+    outward = beyond / away.clamp_min(torch.finfo(points.dtype).tiny).unsqueeze(-1)
+    return value, gradient + grid.beyond * outward
+
+
+def _corners(values: Tensor, cell: Tensor) -> Tensor:
+    """Values at the corners of cells ``[n, 3]`` as ``[8, n]``, in the order (x, y, z) = 000 001 010 ... 111."""
+    _, ny, nz = values.shape
+    base = (cell[:, 0] * ny + cell[:, 1]) * nz + cell[:, 2]
+    steps = [dx * ny * nz + dy * nz + dz for dx in (0, 1) for dy in (0, 1) for dz in (0, 1)]
+    index = base.unsqueeze(0) + base.new_tensor(steps).unsqueeze(1)
+    return values.reshape(-1).index_select(0, index.reshape(-1)).reshape(8, -1)

@@ -1,0 +1,251 @@
+"""Scenes: meshes, analytic shapes and a floor, as one distance field."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Sequence
+from functools import cached_property, reduce
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenes.bake import Bake, FreeSpace, Rule, bake, decide, is_free
+from scenes.errors import UserError, did_you_mean
+from scenes.field import DistanceField
+from scenes.mesh import Mesh, load_mesh
+from scenes.primitives import Plane, Primitive
+from scenes.surface import Surface
+
+if TYPE_CHECKING:
+    from scenes.floor import Floor
+
+PADDING = 0.1
+"""Metres of grid around each mesh."""
+
+BUNDLED = Path(__file__).parent / "bundled"
+
+
+class Scene:
+    """What a person can meet: any mix of meshes and primitives, and the floor.
+
+    Meshes are baked when distances are first asked for (or read from the cache), so that a scene can be described and
+    checked at no cost.
+    """
+
+    def __init__(
+        self,
+        meshes: Sequence[Mesh] = (),
+        primitives: Sequence[Primitive] = (),
+        floor: float | None = None,
+        resolution: int = 256,
+        free_space: FreeSpace = "auto",
+        cache: Path | Literal["default"] | None = "default",
+        name: str = "scene",
+    ) -> None:
+        """Describe a scene.
+
+        Args:
+            meshes: each is baked into a grid of its own.
+            primitives: analytic shapes, which may move.
+            floor: height (m) on which soles stand. Stated, or without meshes (then 0), it is a plane that is part of
+                the distance; otherwise the floor is that of the meshes, found when asked for.
+            resolution: nodes along the longest side of each mesh's grid, 8 to 512.
+            free_space: the rule of `scenes.bake.bake`. A seed point applies to the meshes whose bounds hold it, and
+                must lie within at least one; the others are solid inside.
+            cache: folder of bakes, "default", or None.
+            name: for reports.
+        """
+        self.meshes = tuple(meshes)
+        self.primitives = tuple(primitives)
+        self.resolution = resolution
+        self.free_space = free_space
+        self.cache: Path | Literal["default"] | None = cache
+        self.name = name
+        self.stated_floor = 0.0 if floor is None and not self.meshes else floor
+        if self.stated_floor is not None and not np.isfinite(self.stated_floor):
+            raise UserError(f"scene '{name}': the floor height is {floor}; give finite metres")
+
+    @classmethod
+    def empty(cls, floor: float = 0.0) -> Scene:
+        """A floor plane and nothing else."""
+        return cls(floor=floor, name="empty")
+
+    @cached_property
+    def planes(self) -> tuple[Plane, ...]:
+        """The floor as a plane where it is stated, else nothing."""
+        return () if self.stated_floor is None else (Plane((0.0, self.stated_floor, 0.0), (0.0, 1.0, 0.0)),)
+
+    @cached_property
+    def bakes(self) -> tuple[Bake, ...]:
+        """The baked grid of every mesh."""
+        rules = [self._free_space_of(mesh) for mesh in self.meshes]
+        return tuple(
+            bake(mesh, self.resolution, PADDING, rule, self.cache)
+            for mesh, rule in zip(self.meshes, rules, strict=True)
+        )
+
+    @cached_property
+    def fields(self) -> tuple[DistanceField, ...]:
+        """Everything that `distance` is the minimum of: grids, primitives, and the floor plane if there is one."""
+        return (*(result.grid for result in self.bakes), *self.primitives, *self.planes)
+
+    def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
+        """Signed distance (m) to the nearest of all fields, positive in free space, differentiable.
+
+        Args:
+            points: metres, world.
+            time: seconds on the task's clock, broadcastable to ``points[..., 0]``; None means 0 s.
+        """
+        return reduce(torch.minimum, (field.distance(points, time) for field in self.fields))
+
+    def distance_exact(self, points: np.ndarray, time: np.ndarray | float | None = None) -> np.ndarray:
+        """Signed distance (m) from the triangles themselves: the oracle that scores motions.
+
+        Slow and independent of every grid: libigl's point-to-mesh distance with the sign of the winding number under
+        the bake's rule; primitives and the floor are analytic.
+
+        Args:
+            points: ``[n, 3]`` metres, world.
+            time: seconds, scalar or ``[n]``; None means 0 s.
+
+        Returns:
+            ``[n]`` float64 metres, positive in free space.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise UserError(f"points have shape {points.shape}; give [n, 3]")
+        if not np.isfinite(points).all():
+            raise UserError("points for an exact distance hold NaN or infinite coordinates; give finite metres")
+        tensor = torch.from_numpy(np.ascontiguousarray(points))
+        when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
+        results = [shape.distance(tensor, when).numpy() for shape in (*self.primitives, *self.planes)]
+        for surface, rule in self._surfaces:
+            unsigned = surface.unsigned_distance(points)
+            results.append(np.where(is_free(surface, rule, points), unsigned, -unsigned))
+        return np.minimum.reduce(results)
+
+    @cached_property
+    def _surfaces(self) -> tuple[tuple[Surface, Rule], ...]:
+        found = []
+        for mesh in self.meshes:
+            surface = Surface.of(mesh)
+            found.append((surface, decide(surface, self._free_space_of(mesh), self._padded(mesh), mesh.name)))
+        return tuple(found)
+
+    def _free_space_of(self, mesh: Mesh) -> FreeSpace:
+        """The scene's rule as it applies to one mesh: a seed elsewhere says nothing about a small object."""
+        if isinstance(self.free_space, str) or self._holds_seed(mesh) or not any(map(self._holds_seed, self.meshes)):
+            return self.free_space  # no mesh holds it: bake says so
+        return "outside"
+
+    def _holds_seed(self, mesh: Mesh) -> bool:
+        low, high = self._padded(mesh)
+        return bool((low <= np.array(self.free_space)).all() and (np.array(self.free_space) <= high).all())
+
+    def _padded(self, mesh: Mesh) -> np.ndarray:
+        padded: np.ndarray = mesh.bounds + np.array([[-PADDING], [PADDING]])
+        return padded
+
+    @cached_property
+    def floor(self) -> Floor:
+        """The floor: as stated, or found in the meshes."""
+        from scenes.floor import Floor, find_floor
+
+        if self.stated_floor is not None:
+            return Floor(height=float(self.stated_floor), found=False)
+        return find_floor(self.meshes)
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest corner of meshes and primitives with their motions, ``[2, 3]``, metres.
+
+        A scene with nothing but a floor has no bounds of its own; it is given 40 x 4 x 40 m around the origin.
+        """
+        solids = [mesh.bounds for mesh in self.meshes] + [
+            _reach(p) for p in self.primitives if not isinstance(p, Plane)
+        ]
+        if self.meshes:
+            return _hull(solids)
+        low = self.stated_floor or 0.0
+        return _hull([*solids, np.array([[-20.0, low, -20.0], [20.0, low + 4.0, 20.0]])])
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of everything that distances depend on, hexadecimal."""
+        text = repr(
+            (
+                [mesh.digest for mesh in self.meshes],
+                self.primitives,
+                self.stated_floor,
+                self.resolution,
+                self.free_space,
+            )
+        )
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def report(self) -> list[str]:
+        """What was decided about each mesh, one sentence each; bakes them if that has not happened yet."""
+        return [result.message for result in self.bakes]
+
+    def __repr__(self) -> str:
+        return f"Scene('{self.name}', meshes={len(self.meshes)}, primitives={len(self.primitives)})"
+
+
+def _hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
+    return np.stack([np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)])
+
+
+def _reach(shape: Any) -> np.ndarray:
+    """Bounds ``[2, 3]`` of a primitive over its whole motion."""
+    bounds = shape.mesh().bounds
+    motion = getattr(shape, "motion", None)
+    if motion is None:
+        return np.asarray(bounds)
+    shifts = np.array(motion.positions) - motion.at(torch.zeros((), dtype=torch.float64)).numpy()
+    return _hull([bounds + shift for shift in shifts])
+
+
+def load_scene(
+    path: str | Path,
+    unit: str | None = None,
+    up: str | None = None,
+    floor: float | None = None,
+    resolution: int = 256,
+    free_space: FreeSpace = "auto",
+    primitives: Sequence[Primitive] = (),
+    cache: Path | Literal["default"] | None = "default",
+) -> Scene:
+    """A scene from one mesh file, plus primitives; arguments as `load_mesh` and `Scene` take them."""
+    mesh = load_mesh(path, unit, up)
+    return Scene([mesh], primitives, floor, resolution, free_space, cache, name=mesh.name)
+
+
+def bundled_names() -> list[str]:
+    """Names of the scenes that come with the package."""
+    return sorted(path.stem for path in BUNDLED.glob("*.glb"))
+
+
+def bundled(
+    name: str,
+    resolution: int = 256,
+    primitives: Sequence[Primitive] = (),
+    cache: Path | Literal["default"] | None = "default",
+) -> Scene:
+    """A scene that comes with the package; raises UserError for an unknown name.
+
+    Its ``.toml`` file states the floor's height and may state `free_space`.
+    """
+    if name not in bundled_names():
+        raise UserError(f"unknown bundled scene '{name}'{did_you_mean(name, bundled_names())}")
+    facts: dict[str, Any] = {}
+    if (notes := BUNDLED / f"{name}.toml").is_file():
+        facts = tomllib.loads(notes.read_text(encoding="utf-8"))
+    free_space = facts.get("free_space", "auto")
+    mesh = load_mesh(BUNDLED / f"{name}.glb")
+    rule: FreeSpace = free_space if isinstance(free_space, str) else tuple(free_space)  # type: ignore[assignment]
+    return Scene([mesh], primitives, facts.get("floor"), resolution, rule, cache, name=name)
