@@ -1,1 +1,42 @@
-"""What is wanted: goal functions and how they compose. Imports scenes only."""
+"""What is wanted: goal functions, and how they compose into an objective. Imports `scenes` only."""
+
+from objectives import library
+from objectives.context import BodyLike, Context, SceneLike
+from objectives.kernels import Kernel, Reduction
+from objectives.objective import Objective
+from objectives.parameters import File, FloorPoint, Point, Region
+from objectives.registry import GoalSpec, Masked, Parameter, forget, get_goal, goal, goals
+from objectives.report import TermReport
+from objectives.term import Evaluated, Term
+from objectives.tracks import Arc, ArrayTrack, Line, Sinusoid, Track, TrackBase, Waypoints
+
+__all__ = [
+    "Arc",
+    "ArrayTrack",
+    "BodyLike",
+    "Context",
+    "Evaluated",
+    "File",
+    "FloorPoint",
+    "GoalSpec",
+    "Kernel",
+    "Line",
+    "Masked",
+    "Objective",
+    "Parameter",
+    "Point",
+    "Reduction",
+    "Region",
+    "SceneLike",
+    "Sinusoid",
+    "Term",
+    "TermReport",
+    "Track",
+    "TrackBase",
+    "Waypoints",
+    "forget",
+    "get_goal",
+    "goal",
+    "goals",
+    "library",
+]

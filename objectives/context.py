@@ -1,0 +1,57 @@
+"""What a goal may look at besides the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from jaxtyping import Float
+from torch import Tensor
+
+from scenes.motion import Motion
+
+
+@runtime_checkable
+class SceneLike(Protocol):
+    """The part of `scenes.Scene` that goals use; anything that has it will do."""
+
+    @property
+    def bounds(self) -> object:
+        """Lower and upper corner, metres, anything that numpy reads as ``[2, 3]``."""
+        ...
+
+    def distance(self, points: Tensor, time: Tensor | None = None) -> Tensor:
+        """Signed distance in metres, positive in free space: ``[*b, 3] -> [*b]``; `time` in seconds broadcasts."""
+        ...
+
+
+@runtime_checkable
+class BodyLike(Protocol):
+    """The part of `scenes.ProxyBody` that goals use."""
+
+    @property
+    def owners(self) -> list[str]:
+        """Joint whose sample each of the M points is."""
+        ...
+
+    @property
+    def sole_offset(self) -> float:
+        """Metres from the lowest foot joint down to the sole of a standing person."""
+        ...
+
+    def points(self, motion: Motion) -> tuple[Float[Tensor, "*b T M 3"], Float[Tensor, " M"]]:
+        """Sample points (world, m) and their radii (m)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a goal may look at besides the motion.
+
+    Attributes:
+        scene: signed distances (m) at points and times.
+        body: the proxy body that gives a motion its volume.
+    """
+
+    scene: SceneLike
+    body: BodyLike

@@ -1,0 +1,88 @@
+"""The body and the scene: no penetration, and feet that touch the ground."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from objectives.context import Context
+from objectives.library._joints import Joints, chosen
+from objectives.maths import within
+from objectives.parameters import NotNegative
+from objectives.registry import Masked, goal
+from scenes.errors import UserError, did_you_mean
+from scenes.motion import Motion
+
+
+@goal(unit="m", kernel="linear", reduction="mean", tolerance=0.02)
+def sdf_penetration(
+    motion: Motion,
+    context: Context,
+    *,
+    margin: NotNegative = 0.0,
+    exempt: Joints = [],  # noqa: B006  (read only)
+    exempt_windows: list[tuple[float, float]] | None = None,
+) -> Masked:
+    """Keep the proxy body out of the scene, floor included.
+
+    MSCoT Eq. 45 and 46: d_m = phi(p_m) - r_m for the proxy's M sample points, L = 1/(T M) sum_t sum_m max(0, -d_m),
+    here max(0, margin - d_m). What is exempted counts neither in the sum nor in the mean.
+
+    Args:
+        margin: distance that shall stay free between body and scene, m; the paper has none.
+        exempt: joints whose part of the body may touch the scene, such as a hand that reaches into a shelf.
+        exempt_windows: the exemption holds only in these [begin, end] (s); without `exempt` it is the whole body's.
+    """
+    points, radius = context.body.points(motion)
+    # The time axis lines up with T, so that fields which move are asked at the moment of each frame.
+    distance = context.scene.distance(points, motion.times[:, None])
+    depth = (margin - (distance - radius.to(distance))).clamp_min(0)
+    active = _counted(motion, context, chosen(exempt, motion), exempt_windows)
+    return Masked(depth, active.expand(depth.shape), labels=context.body.owners, points=points)
+
+
+def _counted(
+    motion: Motion, context: Context, exempt: list[str], windows: list[tuple[float, float]] | None
+) -> Bool[Tensor, "T M"]:
+    motion.skeleton.indices(exempt)  # an unknown joint is an error, not an exemption of nothing
+    for name in exempt:
+        if name not in context.body.owners:
+            raise UserError(f"no part of the body belongs to joint '{name}'{did_you_mean(name, context.body.owners)}")
+    everything = not exempt and windows is not None
+    points = torch.tensor([everything or owner in exempt for owner in context.body.owners])
+    frames = torch.ones(motion.frames, dtype=torch.bool)
+    if windows is not None:
+        frames = torch.zeros(motion.frames, dtype=torch.bool)
+        for window in windows:
+            frames |= within(motion, window).cpu()
+    return ~(frames[:, None] & points).to(motion.joints.device)
+
+
+@goal(unit="m", kernel="linear", reduction="mean", tolerance=0.05)
+def foot_contact(
+    motion: Motion,
+    context: Context,
+    *,
+    threshold: NotNegative = 0.05,
+    feet: list[str] = ["left_foot", "right_foot"],  # noqa: B006  (read only)
+) -> Masked:
+    """Keep at least one foot near the ground, so that the person does not float.
+
+    MSCoT Eq. 47 and 48: phi_foot = min over the feet of phi(x_j), L = 1/T sum_t max(0, phi_foot - tau). The sole's
+    offset is taken off phi, so that the lowest foot joint of a person at rest reads about 0.
+
+    Args:
+        threshold: tau, m; the paper states no value. 0.05 because HumanML3D's foot joints are 0.048 m above the lowest
+            joint on average, and in recorded walking the lower of the two exceeds 0.05 m in 5 to 20 % of frames only.
+        feet: the foot joints.
+    """
+    points = motion.select(feet)
+    height, lowest = foot_heights(points, motion, context).min(-1)
+    where = torch.take_along_dim(points, lowest[..., None, None].expand(*lowest.shape, 1, 3), dim=-2)
+    return Masked((height[..., None] - threshold).clamp_min(0), labels=["the lower foot"], points=where)
+
+
+def foot_heights(points: Float[Tensor, "*b T n 3"], motion: Motion, context: Context) -> Float[Tensor, "*b T n"]:
+    """Distance from foot joints to the scene less the offset of the sole, m: about 0 for a resting foot."""
+    return context.scene.distance(points, motion.times[:, None]) - context.body.sole_offset

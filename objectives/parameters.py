@@ -1,0 +1,186 @@
+"""Parameters of goals: their types in task files, and one-sentence errors when a value does not fit."""
+
+from __future__ import annotations
+
+import math
+import types
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from torch import Tensor
+
+from scenes.errors import UserError, did_you_mean
+
+
+class Point(NamedTuple):
+    """A point in the world, metres, y up."""
+
+    x: float
+    y: float
+    z: float
+
+
+class FloorPoint(NamedTuple):
+    """A point on the floor, metres, world x and z."""
+
+    x: float
+    z: float
+
+
+class Region(BaseModel):
+    """A rectangle on the floor, metres: ``{x = [-1, 1], z = [0.5, 1.5]}``; an axis left out is unbounded.
+
+    Attributes:
+        x: lowest and highest world x.
+        z: lowest and highest world z.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    x: tuple[float, float] = (-math.inf, math.inf)
+    z: tuple[float, float] = (-math.inf, math.inf)
+
+
+def _beside(path: Path, info: Any) -> Path:  # pydantic's ValidationInfo
+    folder = (info.context or {}).get("folder")
+    return path if folder is None else Path(folder) / path
+
+
+File = Annotated[Path, AfterValidator(_beside)]
+"""A file; relative names are looked for beside the task file."""
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+_WORDS: dict[Any, str] = {
+    float: "a number",
+    int: "a whole number",
+    str: "a text",
+    bool: "true or false",
+    Path: "a file",
+    Point: "[x, y, z]",
+    FloorPoint: "[x, z]",
+}
+
+
+def describe(hint: Any) -> str:
+    """A parameter's type in words: ``a number or a list of [x, y, z]``."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in _WORDS:
+        return _WORDS[hint]
+    if origin is Annotated:
+        return describe(inner[0])
+    if origin in (Union, types.UnionType):
+        kinds = [kind for option in _options(hint) if (kind := _kind(option))]
+        words = [describe(option) for option in _options(hint) if not _kind(option)]
+        words += [f"a table with kind = {_either(kinds)}"] if kinds else []
+        return " or ".join(dict.fromkeys(words))
+    if origin is Literal:
+        return _either(inner)
+    if origin is tuple and Ellipsis not in inner:
+        return "[" + ", ".join(describe(i).removeprefix("a ") for i in inner) + "]"
+    if origin in (list, tuple, Sequence):
+        item = describe(inner[0])
+        return f"a list of {item.removeprefix('a ')}s" if item.startswith("a ") else f"a list of {item}"
+    if isinstance(hint, type) and issubclass(hint, BaseModel):
+        return f"a table with kind = '{_kind(hint)}'" if _kind(hint) else f"a table with {_either(hint.model_fields)}"
+    return getattr(hint, "__name__", str(hint))
+
+
+def _options(hint: Any) -> list[Any]:
+    """Alternatives of a union, nested ones included, without None."""
+    if get_origin(hint) is Annotated and get_origin(get_args(hint)[0]) in (Union, types.UnionType):
+        return _options(get_args(hint)[0])
+    if get_origin(hint) in (Union, types.UnionType):
+        return [option for inner in get_args(hint) for option in _options(inner) if option is not type(None)]
+    return [hint]
+
+
+def _kind(hint: Any) -> str | None:
+    """What a table of this type says under `kind`, if it says anything."""
+    if isinstance(hint, type) and issubclass(hint, BaseModel) and "kind" in hint.model_fields:
+        return str(hint.model_fields["kind"].default)
+    return None
+
+
+def _either(words: Iterable[Any]) -> str:
+    """'a', 'b' or 'c'."""
+    *head, last = [repr(word) for word in words]
+    return f"{', '.join(head)} or {last}" if head else last
+
+
+def parse(where: str, hint: Any, value: Any, folder: Path | None = None) -> Any:
+    """Convert `value` to the annotated type; raises UserError with one sentence that starts with `where`."""
+    value = _plain(value)
+    try:
+        parsed = TypeAdapter(hint).validate_python(value, context={"folder": folder})
+    except ValidationError as error:
+        raise UserError(f"{where}{_sentence(error, hint, value)}") from error
+    if not _same_kind(value, parsed):
+        raise UserError(f"{where} must be {describe(hint)}, not {_shown(value)}")
+    return parsed
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and tensors as lists, so that Python callers need not convert the planner's output."""
+    if isinstance(value, Tensor):
+        return value.detach().cpu().tolist()
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value
+
+
+def _same_kind(given: Any, parsed: Any) -> bool:
+    """Reject what pydantic converts but a person did not mean: "1.5" or true for a number, nan, inf."""
+    if isinstance(parsed, float):
+        return isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(parsed)
+    if isinstance(parsed, list | tuple) and isinstance(given, list | tuple):
+        return all(_same_kind(g, p) for g, p in zip(given, parsed, strict=True))
+    return True
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _sentence(error: ValidationError, hint: Any, value: Any) -> str:
+    # A union reports every alternative; our own messages first, then the one that got furthest into the value.
+    found = error.errors(include_url=False)
+    best = max(found, key=lambda e: (e["type"] == "value_error", len(e["loc"])))
+    keys = [str(k) for k in best["loc"]]
+    message = best["msg"][:1].lower() + best["msg"][1:]
+    if best["type"] == "value_error":
+        return ": " + best["msg"].removeprefix("Value error, ")
+    if best["type"] == "extra_forbidden":
+        return f": unknown key '{keys[-1]}'{did_you_mean(keys[-1], _keys(hint, value))}"
+    if best["type"] in ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "too_short", "too_long"):
+        return f": {message}, not {_shown(best['input'])}"
+    if isinstance(value, Mapping) and keys:
+        return f": at '{keys[-1]}' {message.removeprefix('input ')}"
+    return f" must be {describe(hint)}, not {_shown(value)}"
+
+
+def _keys(hint: Any, value: Any) -> set[str]:
+    """Keys of the table types inside a hint, of the stated kind if there is one."""
+    if isinstance(hint, type) and issubclass(hint, BaseModel):
+        kind = hint.model_fields.get("kind")
+        stated = value.get("kind") if isinstance(value, Mapping) else None
+        return set(hint.model_fields) if kind is None or stated in (None, kind.default) else set()
+    return set().union(*(_keys(i, value) for i in get_args(hint)), set())
+
+
+T = TypeVar("T")
+
+
+def instances(value: Any, kind: type[T]) -> list[T]:
+    """Every instance of `kind` inside nested lists, tuples and tables; not inside other objects."""
+    if isinstance(value, kind):
+        return [value]
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [found for item in value for found in instances(item, kind)]
+    return []

@@ -1,0 +1,220 @@
+"""The registry: goals by name, their parameters read from the signature, and what a goal may return."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from objectives.kernels import KERNELS, REDUCTIONS, Kernel, Reduction
+from objectives.parameters import describe, parse
+from scenes.errors import UserError, did_you_mean
+
+TERM_KEYS = ("use", "name", "weight", "tolerance", "at", "weights", "window", "kernel", "delta", "reduction")
+"""Keys of a [[goal]] table that belong to the term. A goal may declare `at` and `weights`, which it is then handed."""
+
+_RESERVED = frozenset(TERM_KEYS) - {"at", "weights"}
+
+
+@dataclass(frozen=True)
+class Masked:
+    """A residual with the facts that a plain tensor cannot carry. Everything but `residual` may be left out.
+
+    Attributes:
+        residual: natural units, zero where satisfied, ``[*b, T, k]``. Its k components are n entries.
+        active: where the goal applies: ``[T]``, ``[*b, T]`` or, one for each entry, ``[*b, T, n]`` (told apart by
+            the number of axes). What is inactive costs nothing and is left out of means.
+        weights: factor on the cost of each entry, same shapes; the mean still divides by the plain count.
+        sizes: components of each entry: one number, or one for each entry. A target in space has entries of 3,
+            whose length (and not each coordinate) is what `linear`, `huber` and the report look at.
+        labels: name of each entry in reports, usually a joint.
+        points: where each entry is, world m, for reports.
+    """
+
+    residual: Float[Tensor, "*b T k"]
+    active: Bool[Tensor, "..."] | None = None
+    weights: Float[Tensor, "..."] | None = None
+    sizes: int | tuple[int, ...] | None = None
+    labels: Sequence[str] = ()
+    points: Float[Tensor, "*b T n 3"] | None = None
+
+
+GoalFunction = Callable[..., "Tensor | Masked"]
+F = TypeVar("F", bound=GoalFunction)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a goal: name, type in words, default (`...` where it must be stated), meaning."""
+
+    name: str
+    type: str
+    default: Any
+    doc: str
+    hint: Any
+
+    @property
+    def required(self) -> bool:
+        return self.default is ...
+
+
+@dataclass(frozen=True)
+class GoalSpec:
+    """A registered goal: the function, how its residual becomes a cost, and what it can be told.
+
+    Attributes:
+        name: what task files write after `use`.
+        summary: first sentence of its documentation.
+        unit: of the residual: m, rad, m/s, ...
+        kernel, reduction, scale: the defaults of a term, from the paper that states the goal.
+        dim: components of one entry, where the goal itself does not say.
+        tolerance: worst residual that still counts as met, where the term does not say.
+        parameters: by name, in the order of the signature.
+    """
+
+    name: str
+    function: GoalFunction
+    summary: str
+    unit: str
+    kernel: Kernel
+    reduction: Reduction
+    scale: float
+    delta: float
+    dim: int
+    tolerance: float
+    parameters: Mapping[str, Parameter]
+
+    def validate(self, given: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
+        """Parameters converted to their annotated types; raises UserError, one sentence, for any that does not fit."""
+        for key in given:
+            if key not in self.parameters:
+                known = {*self.parameters, *TERM_KEYS} - {"use"}
+                raise UserError(f"goal '{self.name}': unknown parameter '{key}'{did_you_mean(key, known)}")
+        for parameter in self.parameters.values():
+            if parameter.required and parameter.name not in given:
+                meaning = f" ({parameter.doc})" if parameter.doc else ""
+                wanted = f"parameter '{parameter.name}' is missing; it is {parameter.type}{meaning}"
+                raise UserError(f"goal '{self.name}': {wanted}")
+        return {
+            key: parse(f"goal '{self.name}': parameter '{key}'", self.parameters[key].hint, value, folder)
+            for key, value in given.items()
+        }
+
+
+_GOALS: dict[str, GoalSpec] = {}
+
+
+def goal(
+    *,
+    unit: str,
+    kernel: Kernel = "squared",
+    reduction: Reduction = "sum",
+    scale: float = 1.0,
+    delta: float = 0.1,
+    dim: int = 1,
+    tolerance: float = 0.0,
+    name: str | None = None,
+    replace: bool = False,
+) -> Callable[[F], F]:
+    """Register a function ``(motion, context, *, parameters) -> residual [*b, T, k]`` as a goal.
+
+    The function stays as it is. Parameters, their types, defaults and meanings are read from its signature and
+    the `Args:` section of its docstring.
+
+    Args:
+        unit: unit of the residual (m, rad, m/s, ...).
+        kernel: `squared`, `linear` or `huber`, the default of terms that use the goal.
+        reduction: `sum` or `mean` over active valid frames and entries.
+        scale: factor on the cost, multiplied by the term's weight.
+        delta: where `huber` turns linear, in `unit`.
+        dim: components that make up one entry of the residual, 3 for a vector in space.
+        tolerance: worst residual that still counts as met, in `unit`.
+        name: name in task files, by default the function's.
+        replace: replace a goal of the same name; otherwise a second one is an error.
+    """
+
+    def register(function: F) -> F:
+        label = name or function.__name__
+        if label in _GOALS and not replace:
+            old = _GOALS[label].function.__module__
+            raise UserError(f"a goal '{label}' is already registered by {old}; choose another name or say replace=True")
+        if kernel not in KERNELS or reduction not in REDUCTIONS:
+            raise UserError(f"goal '{label}': kernel is one of {KERNELS} and reduction one of {REDUCTIONS}")
+        text = inspect.getdoc(function) or ""
+        _GOALS[label] = GoalSpec(
+            label, function, _summary(text), unit, kernel, reduction, float(scale), float(delta), dim, float(tolerance),
+            _parameters(label, function, text),
+        )  # fmt: skip
+        return function
+
+    return register
+
+
+def get_goal(use: str | GoalFunction) -> GoalSpec:
+    """The goal of that name, or the one that a decorated function is; raises UserError naming the nearest."""
+    if not isinstance(use, str):
+        for spec in _GOALS.values():
+            if spec.function is use:
+                return spec
+        raise UserError(f"function '{getattr(use, '__name__', use)}' is not a goal; decorate it with @goal(unit=...)")
+    if use not in _GOALS:
+        raise UserError(f"unknown goal '{use}'{did_you_mean(use, _GOALS)}")
+    return _GOALS[use]
+
+
+def goals() -> list[GoalSpec]:
+    """Every registered goal, by name: the command line's table."""
+    return [_GOALS[name] for name in sorted(_GOALS)]
+
+
+def forget(name: str) -> None:
+    """Remove a goal from the registry, as tests and notebooks need; no error when it is absent."""
+    _GOALS.pop(name, None)
+
+
+def _parameters(label: str, function: GoalFunction, text: str) -> dict[str, Parameter]:
+    try:
+        hints = get_type_hints(function, include_extras=True)
+    except Exception as error:
+        raise UserError(f"goal '{label}': a type in its signature cannot be resolved ({error})") from error
+    signature = list(inspect.signature(function).parameters.values())
+    if [p.name for p in signature[:2]] != ["motion", "context"]:
+        raise UserError(f"goal '{label}': its function must start with (motion, context, *, ...)")
+    meanings = _meanings(text)
+    found: dict[str, Parameter] = {}
+    for p in signature[2:]:
+        if p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) or p.name not in hints:
+            raise UserError(f"goal '{label}': parameter '{p.name}' needs a name of its own and a type annotation")
+        if p.name in _RESERVED:
+            raise UserError(f"goal '{label}': parameter name '{p.name}' belongs to every term; choose another")
+        default = ... if p.default is p.empty else p.default
+        hint = hints[p.name]
+        found[p.name] = Parameter(p.name, describe(hint), default, meanings.get(p.name, ""), hint)
+    return found
+
+
+def _summary(text: str) -> str:
+    return " ".join(text.split("\n\n")[0].split())
+
+
+def _meanings(text: str) -> dict[str, str]:
+    """The `Args:` section of a Google-style docstring, by parameter."""
+    found: dict[str, str] = {}
+    current, inside = "", False
+    for line in text.splitlines():
+        if line.strip() in ("Args:", "Arguments:"):
+            inside = True
+        elif inside and line and not line.startswith(" "):
+            break
+        elif inside and line.strip():
+            head, colon, rest = line.strip().partition(":")
+            if colon and head.isidentifier() and len(line) - len(line.lstrip()) <= 4:
+                current, found[head] = head, rest.strip()
+            elif current:
+                found[current] += " " + line.strip()
+    return found

@@ -1,0 +1,57 @@
+"""What a report says about one term and one sample."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class TermReport:
+    """How well one motion meets one term.
+
+    Attributes:
+        name: the term's name; goal: the goal it uses; unit: of worst, mean and tolerance.
+        worst: largest length of any active entry. mean: over all active (frame, entry) pairs.
+        tolerance, met: met is worst <= tolerance; what is not a number is never met.
+        when: time of the worst, seconds on the task's clock; None where nothing was active.
+        where: the joint or point of the worst, and its `position` in the world, metres.
+        active_frames: frames at which the term applied.
+        cost: the term's share of the objective's cost. weight: the term's.
+    """
+
+    name: str
+    goal: str
+    unit: str
+    worst: float
+    mean: float
+    tolerance: float
+    met: bool
+    cost: float
+    weight: float
+    when: float | None = None
+    where: str | None = None
+    position: tuple[float, float, float] | None = None
+    active_frames: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, which knows no nan or infinity: those become None."""
+        return {key: _finite(value) for key, value in asdict(self).items()}
+
+    def sentence(self) -> str:
+        """One line for a person: name, worst, when, where, tolerance, met or not."""
+        if self.when is None:
+            return f"{self.name}: never active"
+        place = f" at {self.where}" if self.where else ""
+        met = "met" if self.met else "not met"
+        figures = f"worst {self.worst:.3g} {self.unit}{place} at {self.when:.2f} s, mean {self.mean:.3g} {self.unit}"
+        return f"{self.name}: {met} ({figures}, tolerance {self.tolerance:g} {self.unit})"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, tuple):
+        return [_finite(v) for v in value]
+    return value

@@ -1,0 +1,315 @@
+"""A term: one goal with its parameters, and how its residual becomes a cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import InitVar, dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from objectives.context import Context
+from objectives.kernels import Kernel, Reduction, kernel_cost, least_squares_weight
+from objectives.maths import frames_near, within
+from objectives.parameters import NotNegative, Positive, parse
+from objectives.registry import TERM_KEYS, GoalSpec, Masked, get_goal
+from objectives.report import TermReport
+from scenes.errors import UserError
+from scenes.motion import Motion
+
+Number = int | float
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A goal's residual with everything about it made explicit.
+
+    Attributes:
+        residual: ``[*b, T, k]``, natural units; zero where it does not apply.
+        square: squared length of every entry, ``[*b, T, n]``.
+        mask: where an entry applies: valid, active, inside `at` and `window`; ``[*b, T, n]``.
+        weights: factor on the cost of each entry, ``[*b, T, n]``.
+        sizes: components of each of the n entries.
+        labels: name of each entry, or nothing.
+        points: where each entry is, world m, or nothing.
+    """
+
+    residual: Float[Tensor, "*b T k"]
+    square: Float[Tensor, "*b T n"]
+    mask: Bool[Tensor, "*b T n"]
+    weights: Float[Tensor, "*b T n"]
+    sizes: tuple[int, ...]
+    labels: tuple[str, ...]
+    points: Float[Tensor, "*b T n 3"] | None
+
+
+@dataclass(frozen=True)
+class Term:
+    """A goal with parameters, weight, tolerance, times, kernel and reduction.
+
+    Attributes:
+        goal: name of a registered goal, or its decorated function.
+        parameters: the goal's own, converted and checked; `at` and `weights` may be given here too.
+        weight: multiplies the goal's own scale; 0 equals absent.
+        tolerance: worst residual that counts as met, in the goal's unit; by default the goal's.
+        at: only at the frames nearest to these times (s, task clock). Handed to goals that declare it.
+        weights: factor on the cost at each time of `at`. Handed to goals that declare it.
+        window: only from the first to the second time (s, task clock), both included.
+        kernel, reduction: by default the goal's, which are those of its paper.
+        delta: where `huber` turns linear, in the goal's unit.
+        name: name in reports and errors, by default the goal's.
+        folder: where relative file names are looked for.
+    """
+
+    goal: str | Callable[..., Any]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    weight: Number = 1.0
+    tolerance: Number | None = None
+    at: Number | Sequence[Number] | None = None
+    weights: Sequence[Number] | None = None
+    window: Sequence[Number] | None = None
+    kernel: str | None = None
+    reduction: str | None = None
+    delta: Number | None = None
+    name: str = ""
+    folder: InitVar[Path | None] = None
+
+    def __post_init__(self, folder: Path | None) -> None:
+        spec = get_goal(self.goal)
+        keep = self.__dict__.__setitem__  # the dataclass is frozen from here on
+        keep("goal", spec.name)
+        keep("name", self.name or spec.name)
+        given = dict(self.parameters)
+        for key in ("at", "weights"):  # one meaning wherever they are written
+            if given.get(key) is not None:
+                keep(key, given[key])
+            given.pop(key, None)
+        for key, value in _options(self.name, {key: getattr(self, key) for key in _OPTIONS}).items():
+            keep(key, value)
+        for key in ("at", "weights"):
+            value = getattr(self, key)
+            keep(key, (value,) if isinstance(value, float) else value)
+            if value is not None and key in spec.parameters:
+                given[key] = list(getattr(self, key))
+        keep("parameters", spec.validate(given, folder))
+        loose = self.weights is not None and "weights" not in spec.parameters
+        if loose and len(self.weights or ()) != len(self.times):
+            raise UserError(f"goal '{self.name}': 'weights' needs one number for each time of 'at'")
+        if self.window is not None and self.window[1] < self.window[0]:
+            raise UserError(f"goal '{self.name}': 'window' must be [begin, end], not {list(self.window)}")
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], folder: Path | None = None) -> Term:
+        """A term from a [[goal]] table of a task file: `use`, the keys of a term, and the goal's own parameters."""
+        if "use" not in table:
+            raise UserError("a goal table needs 'use' with the name of a goal, such as use = \"joint_target\"")
+        if not isinstance(table["use"], str):
+            raise UserError(f"'use' must be the name of a goal, not {table['use']!r}")
+        own = _options(table["use"], {key: table[key] for key in TERM_KEYS if key in table and key != "use"})
+        rest = {key: value for key, value in table.items() if key not in TERM_KEYS}
+        return cls(table["use"], rest, **own, folder=folder)
+
+    @property
+    def spec(self) -> GoalSpec:
+        """The goal."""
+        return get_goal(self.goal)
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The times of `at`, seconds; empty where every frame counts."""
+        return cast(tuple[float, ...], self.at or ())
+
+    @property
+    def label(self) -> str:
+        """How errors name the term: with its goal where that is not its name."""
+        return f"goal '{self.name}'" if self.name == self.goal else f"goal '{self.name}' ({self.goal})"
+
+    def evaluate(self, motion: Motion, context: Context) -> Evaluated:
+        """Residual, mask and weights; raises UserError naming the term when the goal cannot be evaluated."""
+        motion = self._readable(motion)
+        try:
+            raw = self.spec.function(motion, context, **self.parameters)
+        except UserError as error:
+            raise UserError(f"{self.label}: {error}") from error
+        result = raw if isinstance(raw, Masked) else Masked(raw)
+        residual, sizes = result.residual, self._sizes(result, motion)
+        mask = self._spread(result.active, residual, len(sizes), "active") & motion.valid[..., None]
+        weights = self._spread(result.weights, residual, len(sizes), "weights").to(residual.dtype)
+        chosen = self._chosen(motion).to(residual.dtype)
+        mask, weights = mask & (chosen > 0)[:, None], weights * chosen[:, None]
+        widths = torch.tensor(sizes, device=residual.device)
+        wide = mask if set(sizes) == {1} else mask.repeat_interleave(widths, dim=-1)
+        residual = torch.where(wide, residual, 0.0)
+        labels, points = self._places(result, motion, len(sizes))
+        return Evaluated(residual, _squares(residual, sizes), mask, weights, sizes, labels, points)
+
+    def residual(self, motion: Motion, context: Context) -> Float[Tensor, "*b T k"]:
+        """The goal's residual in natural units, unweighted; zero where the term does not apply."""
+        return self.evaluate(motion, context).residual
+
+    def cost(self, motion: Motion, context: Context) -> Float[Tensor, "*b"]:
+        """Cost of every sample: weight x scale x the sum or mean of the kernel over active valid entries."""
+        found = self.evaluate(motion, context)
+        costs = kernel_cost(self._kernel, found.square, self._delta) * found.weights * found.mask
+        return costs.sum((-2, -1)) * self._factor(found)
+
+    def block(self, motion: Motion, context: Context) -> Float[Tensor, "*b F k"]:
+        """Rows for least squares over the F frames at which some sample is active.
+
+        For the kernel `squared` the sum of the squares is the cost. For `linear` and `huber` the weights are those
+        of iteratively reweighted least squares (`kernels.least_squares_weight`), constants to autograd: the
+        gradient of the sum of squares is the gradient of the cost, its value is not the cost.
+        """
+        found = self.evaluate(motion, context)
+        per_entry = least_squares_weight(self._kernel, found.square, self._delta) * found.weights
+        per_entry = (per_entry * self._factor(found)[..., None, None]).sqrt()
+        widths = torch.tensor(found.sizes, device=found.residual.device)
+        rows = found.residual * per_entry.repeat_interleave(widths, dim=-1)
+        used = found.mask.any(-1).reshape(-1, motion.frames).any(0)
+        return rows[..., used, :]
+
+    def report(self, motion: Motion, context: Context) -> list[TermReport]:
+        """One row for each sample (a motion without batch axes is one sample)."""
+        with torch.no_grad():
+            found = self.evaluate(motion, context)
+            costs = kernel_cost(self._kernel, found.square, self._delta) * found.weights * found.mask
+            totals = (costs.sum((-2, -1)) * self._factor(found)).reshape(-1)
+            entries = len(found.sizes)
+            sizes = found.square.sqrt().reshape(-1, motion.frames, entries)
+            masks = found.mask.reshape(-1, motion.frames, entries)
+            points = None if found.points is None else found.points.reshape(-1, motion.frames, entries, 3)
+        return [
+            self._row(sizes[s], masks[s], float(totals[s]), found, None if points is None else points[s], motion)
+            for s in range(len(totals))
+        ]
+
+    def _row(
+        self,
+        size: Float[Tensor, "T n"],
+        mask: Bool[Tensor, "T n"],
+        cost: float,
+        found: Evaluated,
+        points: Float[Tensor, "T n 3"] | None,
+        motion: Motion,
+    ) -> TermReport:
+        tolerance = self.spec.tolerance if self.tolerance is None else self.tolerance
+        name, unit = str(self.goal), self.spec.unit
+        empty = TermReport(self.name, name, unit, 0.0, 0.0, tolerance, met=True, cost=cost, weight=self.weight)
+        if not mask.any():
+            return empty
+        # What is not a number is the worst there is: it must never pass as met.
+        ranked = torch.where(mask, size.nan_to_num(nan=torch.inf), -1.0)
+        frame, entry = divmod(int(ranked.argmax()), size.shape[-1])
+        worst = float(size[frame, entry])
+        position = None
+        if points is not None:
+            x, y, z = points[frame, entry].tolist()
+            position = (x, y, z)
+        return replace(
+            empty,
+            worst=worst,
+            mean=float(size[mask].mean()),
+            met=worst <= tolerance,
+            when=motion.t0 + frame / motion.fps,
+            where=found.labels[entry] if found.labels else None,
+            position=position,
+            active_frames=int(mask.any(-1).sum()),
+        )
+
+    @property
+    def _kernel(self) -> Kernel:
+        return cast(Kernel, self.kernel or self.spec.kernel)
+
+    @property
+    def _delta(self) -> float:
+        return self.spec.delta if self.delta is None else self.delta
+
+    def _factor(self, found: Evaluated) -> Float[Tensor, "*b"]:
+        """Weight x scale, divided by the number of active (frame, entry) pairs where the term averages."""
+        factor = found.residual.new_full(found.mask.shape[:-2], self.weight * self.spec.scale)
+        if (self.reduction or self.spec.reduction) == "mean":
+            factor = factor / found.mask.sum((-2, -1)).clamp_min(1)
+        return factor
+
+    def _readable(self, motion: Motion) -> Motion:
+        """The motion as the goal sees it: padding zeroed, so that nothing in it (not even nan) can leak out.
+
+        A goal that declares `include_padding` and is told so gets every frame as a valid one instead.
+        """
+        if self.parameters.get("include_padding"):
+            return replace(motion, valid=torch.ones_like(motion.valid))
+        if bool(motion.valid.all()):
+            return motion
+        return replace(motion, joints=torch.where(motion.valid[..., None, None], motion.joints, 0.0))
+
+    def _chosen(self, motion: Motion) -> Float[Tensor, " T"]:
+        """Weight of every frame by `window` and, where the goal does not handle it itself, `at`."""
+        chosen = torch.ones(motion.frames, dtype=motion.joints.dtype, device=motion.joints.device)
+        if self.window is not None:
+            chosen = chosen * within(motion, (self.window[0], self.window[1]))
+        if self.at is not None and "at" not in self.spec.parameters:
+            factors = self.weights or (1.0,) * len(self.times)
+            at = torch.zeros_like(chosen)
+            for frame, factor in zip(frames_near(motion, list(self.times)), factors, strict=True):
+                if frame is not None:
+                    at[frame] += factor
+            chosen = chosen * at
+        return chosen
+
+    def _sizes(self, result: Masked, motion: Motion) -> tuple[int, ...]:
+        shape, expected = tuple(result.residual.shape), tuple(motion.valid.shape)
+        if shape[:-1] != expected or not shape:
+            raise UserError(f"{self.label}: its function returned shape {shape}, expected {[*expected, 'k']}")
+        sizes = result.sizes if result.sizes is not None else self.spec.dim
+        if isinstance(sizes, int):
+            sizes = (sizes,) * (shape[-1] // sizes)
+        if sum(sizes) != shape[-1]:
+            raise UserError(f"{self.label}: its {shape[-1]} components do not divide into entries of {sizes}")
+        return sizes
+
+    def _spread(self, given: Tensor | None, residual: Tensor, entries: int, what: str) -> Tensor:
+        """`[T]`, `[*b, T]` or `[*b, T, n]` as `[*b, T, n]`."""
+        full = (*residual.shape[:-1], entries)
+        if given is None:
+            return torch.ones(full, dtype=torch.bool, device=residual.device)
+        aligned = given if given.ndim == residual.ndim else given[..., None]
+        try:
+            return aligned.expand(full)
+        except RuntimeError as error:
+            shape = tuple(given.shape)
+            raise UserError(f"{self.label}: '{what}' has shape {shape}, expected [T], [*b, T] or {full}") from error
+
+    def _places(self, result: Masked, motion: Motion, entries: int) -> tuple[tuple[str, ...], Tensor | None]:
+        """Labels and points of the entries; a goal about one `joint` need not state its own."""
+        joint = self.spec.parameters["joint"].default if "joint" in self.spec.parameters else None
+        joint = self.parameters.get("joint", joint)
+        if result.labels or result.points is not None or entries != 1 or not isinstance(joint, str):
+            return tuple(result.labels), result.points
+        return (joint,), motion.joint(joint)[..., None, :]
+
+
+_OPTIONS: dict[str, Any] = {
+    "weight": NotNegative,
+    "tolerance": NotNegative | None,
+    "at": float | tuple[float, ...] | None,
+    "weights": tuple[NotNegative, ...] | None,
+    "window": tuple[float, float] | None,
+    "kernel": Kernel | None,
+    "reduction": Reduction | None,
+    "delta": Positive | None,
+    "name": str,
+}
+
+
+def _options(label: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a term converted to their types; raises UserError for one that does not fit."""
+    return {key: parse(f"goal '{label}': '{key}'", _OPTIONS[key], value) for key, value in given.items()}
+
+
+def _squares(residual: Float[Tensor, "*b T k"], sizes: tuple[int, ...]) -> Float[Tensor, "*b T n"]:
+    if len(set(sizes)) == 1:
+        return residual.unflatten(-1, (len(sizes), sizes[0])).square().sum(-1)
+    return torch.stack([part.square().sum(-1) for part in residual.split(sizes, dim=-1)], dim=-1)

@@ -1,0 +1,136 @@
+"""What must hold for every registered goal, whoever wrote it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from objectives import Objective, Term, goals
+from scenes.motion import Motion
+from tests.objectives.cases import EXAMPLES, SATISFIED, context, standing, wandering
+
+CASES = [
+    pytest.param(name, example, id=f"{name}-{i}") for name, all_ in EXAMPLES.items() for i, example in enumerate(all_)
+]
+
+
+def term(name: str, parameters: dict[str, Any], **options: Any) -> Term:
+    return Term.from_table({"use": name, **parameters, **options})
+
+
+def test_every_goal_has_an_example_and_documentation() -> None:
+    assert {spec.name for spec in goals()} == set(EXAMPLES) == set(SATISFIED)
+    for spec in goals():
+        assert spec.summary and spec.unit
+        assert all(p.doc for p in spec.parameters.values()), spec.name
+
+
+@pytest.mark.parametrize("kernel", [None, "squared", "linear", "huber"])
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_gradient(name: str, example: Any, kernel: str | None) -> None:
+    """The example has a residual, and autograd agrees with central differences along random directions."""
+    one = term(name, example(0.0), **({"kernel": kernel} if kernel else {}))
+    motion, world = wandering(), context()
+
+    def cost(joints: torch.Tensor) -> torch.Tensor:
+        return one.cost(replace(motion, joints=joints), world)
+
+    joints = motion.joints.clone().requires_grad_()
+    value = cost(joints)
+    (gradient,) = torch.autograd.grad(value, joints)
+    assert value > 0 and gradient.abs().max() > 0
+    assert torch.autograd.gradcheck(cost, joints, eps=1e-7, atol=1e-5, rtol=1e-4, fast_mode=True)
+
+
+@pytest.mark.parametrize("name", SATISFIED)
+@pytest.mark.parametrize("kernel", ["squared", "linear", "huber"])
+def test_satisfied_exactly(name: str, kernel: str) -> None:
+    """Zero cost, a finite (zero) gradient, and met."""
+    joints, world = standing(9) + torch.tensor([0, 0.02, 0], dtype=torch.float64), context(x=2.0)
+    parameters = dict(SATISFIED[name])
+    if name == "joint_target":
+        parameters["position"] = joints[0, 0].tolist()
+    if name == "head_height":
+        parameters["height"] = float(joints[0, 15, 1])
+    one, motion = term(name, parameters, kernel=kernel), Motion(joints.requires_grad_())
+    cost = one.cost(motion, world)
+    (gradient,) = torch.autograd.grad(cost, joints)
+    assert cost == 0
+    assert torch.equal(gradient, torch.zeros_like(gradient))
+    assert one.report(motion, world)[0].met
+
+
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_batch_equals_loop(name: str, example: Any) -> None:
+    one, motion, world = term(name, example(0.0)), wandering(2, 3), context()
+    costs = one.cost(motion, world)
+    assert costs.shape == (2, 3)
+    rows = one.report(motion, world)
+    for i in range(2):
+        for j in range(3):
+            single = motion[i][j]
+            torch.testing.assert_close(one.cost(single, world), costs[i, j])
+            assert one.report(single, world)[0].worst == pytest.approx(rows[3 * i + j].worst)
+
+
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_padding_is_ignored(name: str, example: Any) -> None:
+    """Frames after the end change nothing, whatever is in them, and get no gradient."""
+    one, motion, world = term(name, example(0.0)), wandering(frames=9), context()
+    for junk in (0.0, 7.0, torch.nan, torch.inf):
+        joints = torch.cat([motion.joints, torch.full((4, 22, 3), junk, dtype=torch.float64)]).requires_grad_()
+        padded = Motion(joints, torch.arange(13) < 9)
+        cost = one.cost(padded, world)
+        torch.testing.assert_close(cost, one.cost(motion, world))
+        (gradient,) = torch.autograd.grad(cost, joints)
+        assert torch.isfinite(gradient).all() and not gradient[9:].any()
+        assert one.report(padded, world)[0].worst == pytest.approx(one.report(motion, world)[0].worst)
+
+
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_time_shift(name: str, example: Any) -> None:
+    """Only the task's clock counts: shift it and every stated time together, and nothing changes."""
+    here, there = wandering(t0=0.0), wandering(t0=2.5)
+    was, now = term(name, example(0.0)), term(name, example(2.5))
+    torch.testing.assert_close(was.cost(here, context()), now.cost(there, context(epoch=2.5)))
+    before, after = was.report(here, context())[0], now.report(there, context(epoch=2.5))[0]
+    assert after.when == pytest.approx(before.when + 2.5)
+
+
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_weight_zero_equals_absent(name: str, example: Any) -> None:
+    motion, world = wandering(2), context()
+    other = term("smoothness", {"limit": 5.0})
+    absent, silent = Objective((other,)), Objective((other, term(name, example(0.0), weight=0.0)))
+    assert torch.equal(absent.cost(motion, world), silent.cost(motion, world))
+    assert len(silent.residuals(motion, world)) == 1
+    assert silent.report(motion, world) == absent.report(motion, world)
+
+
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_kernels_are_zero_with_the_residual_only(name: str, example: Any) -> None:
+    motion, world = wandering(3), context()
+    for kernel in ("squared", "linear", "huber"):
+        one = term(name, example(0.0), kernel=kernel)
+        cost, residual = one.cost(motion, world), one.residual(motion, world)
+        assert (cost >= 0).all()
+        assert torch.equal(cost > 0, (residual != 0).flatten(1).any(1))
+
+
+@pytest.mark.parametrize("kernel", ["squared", "linear", "huber"])
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_rows_for_least_squares(name: str, example: Any, kernel: str) -> None:
+    """Squared: the squares sum to the cost. All: their gradient is the cost's."""
+    motion, world = wandering(2), context()
+    joints = motion.joints.clone().requires_grad_()
+    moving = replace(motion, joints=joints)
+    one = term(name, example(0.0), kernel=kernel, weight=1.7)
+    cost, squares = one.cost(moving, world), one.block(moving, world).square().sum((-2, -1))
+    if kernel == "squared":
+        torch.testing.assert_close(squares, cost)
+    (wanted,) = torch.autograd.grad(cost.sum(), joints)
+    (found,) = torch.autograd.grad(squares.sum(), joints)
+    torch.testing.assert_close(found, wanted)
