@@ -1,0 +1,114 @@
+"""From the joint names of other people's skeletons to the 22 joints.
+
+Mixamo, LAFAN1, the two common conversions of CMU's captures, 3ds Max, Bandai Namco, Acclaim bones and SMPL name the
+same joints differently, and one word can mean two joints: ``LeftShoulder`` is the collar where there is a ``LeftArm``,
+and the shoulder where there is a ``LeftCollar``. Names are therefore reduced to a side and a part, and the parts of
+a joint are tried in order, each file joint being used once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from scenes.errors import UserError, did_you_mean
+from scenes.skeleton import HUMANML3D
+
+# The order matters: a joint takes the first part that is there and not taken by a joint above it.
+_LIMBS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("hip", ("upleg", "upperleg", "thigh", "thighbend", "femur", "hip")),
+    ("knee", ("knee", "lowleg", "lowerleg", "shin", "calf", "tibia", "leg")),
+    ("ankle", ("ankle", "foot")),
+    ("foot", ("toebase", "toe", "toes", "toe0", "ball", "forefoot", "foot")),
+    ("shoulder", ("uparm", "upperarm", "shldr", "shldrbend", "humerus", "arm", "shoulder")),
+    ("collar", ("collar", "clavicle", "collarbone", "shoulder")),
+    ("elbow", ("elbow", "forearm", "forearmbend", "lowarm", "lowerarm", "radius")),
+    ("wrist", ("wrist", "hand")),
+)
+_MIDDLE: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("pelvis", ("hips", "pelvis", "hip", "centerhip", "root", "")),
+    ("neck", ("neck", "lowerneck", "neck1", "necklower", "neck0", "neck01")),
+    ("head", ("head",)),
+)
+_PARTS = frozenset(part for _, parts in _LIMBS for part in parts)
+_SPINE = ("spine1", "spine2", "spine3")
+
+DERIVED = ("spine1", "spine2", "spine3", "left_foot", "right_foot", "left_collar", "right_collar")
+"""Joints that can be placed from others where a file does not name them."""
+
+
+def match_joints(names: Sequence[str], stated: Mapping[str, str] | None = None) -> dict[str, int]:
+    """Which of a file's joints is which of the 22.
+
+    Args:
+        names: the file's joints, parents before children.
+        stated: {our joint: their joint} for what the table would get wrong.
+
+    Returns:
+        Index into `names` for every joint found; those in `DERIVED` may be missing.
+
+    Raises:
+        UserError: a stated joint does not exist, or joints that cannot be derived were not found (it names them).
+    """
+    found = _stated(names, stated or {})
+    keys: dict[tuple[str, str], int] = {}
+    for index, key in enumerate(_reduce(names)):
+        keys.setdefault(key, index)  # the one nearest to the root
+    for side in ("left", "right"):
+        for joint, parts in _LIMBS:
+            _take(found, keys, f"{side}_{joint}", [(side, part) for part in parts])
+    for joint, parts in _MIDDLE:
+        _take(found, keys, joint, [("", part) for part in parts])
+    # SMPL's spine names mean exactly our joints; elsewhere 'Spine1' is just the second of some number of them.
+    if all(("", part) in keys for part in _SPINE) and ("", "spine") not in keys:
+        for joint in _SPINE:
+            _take(found, keys, joint, [("", joint)])
+    missing = [name for name in HUMANML3D.names if name not in found and name not in DERIVED]
+    if missing:
+        raise UserError(
+            f"no joint found for {', '.join(missing)} among {', '.join(names)}; "
+            "rename them or state which is which in `joints`"
+        )
+    return found
+
+
+def _stated(names: Sequence[str], stated: Mapping[str, str]) -> dict[str, int]:
+    found = {}
+    for joint, name in stated.items():
+        HUMANML3D.index(joint)
+        if name not in names:
+            raise UserError(f"joint '{name}', stated as {joint}, is not in the file{did_you_mean(name, names)}")
+        found[joint] = list(names).index(name)
+    return found
+
+
+def _take(found: dict[str, int], keys: dict[tuple[str, str], int], joint: str, options: list[tuple[str, str]]) -> None:
+    taken = set(found.values())
+    for option in options:
+        if joint not in found and option in keys and keys[option] not in taken:
+            found[joint] = keys[option]
+
+
+def _reduce(names: Sequence[str]) -> list[tuple[str, str]]:
+    """(side, part) of each name; side is "left", "right" or ""."""
+    # 'mixamorig:Hips', 'Model_Hips' and 'Bip01 Spine' carry a prefix that all joints share
+    first, last = min(map(str.lower, names)), max(map(str.lower, names))
+    shared = 0
+    while len(names) > 1 and shared < len(first) and first[shared] == last[shared]:
+        shared += 1  # names in order: what the first and the last share, all share
+    return [_side_and_part(name[shared:].rpartition(":")[2]) for name in names]
+
+
+def _side_and_part(name: str) -> tuple[str, str]:
+    words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
+    side = ""
+    for word, meaning in (("left", "left"), ("right", "right"), ("l", "left"), ("r", "right")):
+        if not side and word in words:
+            words.remove(word)
+            side = meaning
+    part = "".join(words)
+    if not side:  # written together, as in 'lefthip' and 'lfemur'
+        for start, meaning in (("left", "left"), ("right", "right"), ("l", "left"), ("r", "right")):
+            if not side and part.startswith(start) and part[len(start) :] in _PARTS:
+                side, part = meaning, part[len(start) :]
+    return side, part
