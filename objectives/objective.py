@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives.checks import check_term
@@ -62,6 +62,14 @@ class Objective:
         the gradient of the cost.
         """
         return [term.block(motion, context) for term in self.counted]
+
+    @torch.no_grad()
+    def met(self, motion: Motion, context: Context) -> Bool[Tensor, "*b"]:
+        """Which samples have every term within its tolerance."""
+        met = torch.ones(motion.joints.shape[:-3], dtype=torch.bool, device=motion.joints.device)
+        for term in self.counted:
+            met = met & term.met(motion, context)
+        return met
 
     @torch.no_grad()
     def report(self, motion: Motion, context: Context) -> list[list[TermReport]]:

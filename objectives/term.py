@@ -87,19 +87,19 @@ class Term:
             if given.get(key) is not None:
                 keep(key, given[key])
             given.pop(key, None)
-        for key, value in _options(self.name, {key: getattr(self, key) for key in _OPTIONS}).items():
+        for key, value in _options(self.label, {key: getattr(self, key) for key in _OPTIONS}).items():
             keep(key, value)
         for key in ("at", "weights"):
             value = getattr(self, key)
             keep(key, (value,) if isinstance(value, float) else value)
             if value is not None and key in spec.parameters:
                 given[key] = list(getattr(self, key))
-        keep("parameters", spec.validate(given, folder))
+        keep("parameters", spec.validate(given, folder, self.label))
         loose = self.weights is not None and "weights" not in spec.parameters
         if loose and len(self.weights or ()) != len(self.times):
-            raise UserError(f"goal '{self.name}': 'weights' needs one number for each time of 'at'")
+            raise UserError(f"{self.label}: 'weights' needs one number for each time of 'at'")
         if self.window is not None and self.window[1] < self.window[0]:
-            raise UserError(f"goal '{self.name}': 'window' must be [begin, end], not {list(self.window)}")
+            raise UserError(f"{self.label}: 'window' must be [begin, end], not {list(self.window)}")
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], folder: Path | None = None) -> Term:
@@ -108,7 +108,9 @@ class Term:
             raise UserError("a goal table needs 'use' with the name of a goal, such as use = \"joint_target\"")
         if not isinstance(table["use"], str):
             raise UserError(f"'use' must be the name of a goal, not {table['use']!r}")
-        own = _options(table["use"], {key: table[key] for key in TERM_KEYS if key in table and key != "use"})
+        own = _options(
+            f"goal '{table['use']}'", {key: table[key] for key in TERM_KEYS if key in table and key != "use"}
+        )
         rest = {key: value for key, value in table.items() if key not in TERM_KEYS}
         return cls(table["use"], rest, **own, folder=folder)
 
@@ -155,6 +157,14 @@ class Term:
         found = self.evaluate(motion, context)
         costs = kernel_cost(self._kernel, found.square, self._delta) * found.weights * found.mask
         return costs.sum((-2, -1)) * self._factor(found)
+
+    def met(self, motion: Motion, context: Context) -> Bool[Tensor, "*b"]:
+        """Which samples have every active entry within the tolerance."""
+        found = self.evaluate(motion, context)
+        tolerance = self.spec.tolerance if self.tolerance is None else self.tolerance
+        # Written so that what is not a number never passes.
+        within_tolerance = (found.square.sqrt() <= tolerance) | ~found.mask
+        return within_tolerance.flatten(-2).all(-1)
 
     def block(self, motion: Motion, context: Context) -> Float[Tensor, "*b F k"]:
         """Rows for least squares over the F frames at which some sample is active.
@@ -306,7 +316,7 @@ _OPTIONS: dict[str, Any] = {
 
 def _options(label: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of a term converted to their types; raises UserError for one that does not fit."""
-    return {key: parse(f"goal '{label}': '{key}'", _OPTIONS[key], value) for key, value in given.items()}
+    return {key: parse(f"{label}: '{key}'", _OPTIONS[key], value) for key, value in given.items()}
 
 
 def _squares(residual: Float[Tensor, "*b T k"], sizes: tuple[int, ...]) -> Float[Tensor, "*b T n"]:

@@ -163,7 +163,8 @@ def rotation_about_y(angle: Float[Tensor, "*b"]) -> Float[Tensor, "*b 3 3"]:
 
 
 def _turn(rotation: Float[Tensor, "*c 3 3"], vectors: Float[Tensor, "*d 3"]) -> Float[Tensor, "*e 3"]:
-    return (rotation @ vectors[..., None]).squeeze(-1)
+    # A broadcast product: batched 3 x 3 matrix products are many times slower on a CPU.
+    return (rotation * vectors[..., None, :]).sum(-1)
 
 
 def _rotations_6d(joints: Float[Tensor, "T 22 3"], unturn: Float[Tensor, "T 3 3"]) -> Float[Tensor, "T 21 6"]:

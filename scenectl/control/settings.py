@@ -1,0 +1,42 @@
+"""Settings of guidance and refinement, as they stand in a task file."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class GuidanceSettings(BaseModel):
+    """How strongly goals tilt a generator's beliefs.
+
+    Attributes:
+        scale: multiplies the goals' log-likelihood in guidance (1 is Eq. 10); 0 switches guidance off.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    scale: float = Field(default=1.0, ge=0)
+
+
+class SolverSettings(BaseModel):
+    """How refinement searches (Eq. 12).
+
+    Attributes:
+        name: "lbfgs" (default), "adam", or "gradient": the paper's ascent with a constant step.
+        iterations: at most this many steps; 0 switches refinement off.
+        step: step size; by default 0.05 for Adam and the paper's 0.01 for gradient ascent. L-BFGS finds its own.
+        prior: pull towards the generator's own value, in units of cost per squared distance (per number):
+            keeps what goals leave free as the generator made it.
+        patience: steps in a row without progress worth `progress` after which the search ends.
+        progress: relative decrease of the cost that counts as progress.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Literal["lbfgs", "adam", "gradient"] = "lbfgs"
+    iterations: int = Field(default=100, ge=0)
+    step: float | None = Field(default=None, gt=0)
+    prior: float = Field(default=0.02, ge=0)
+    patience: int = Field(default=10, ge=1)
+    progress: float = Field(default=1e-4, gt=0)

@@ -1,0 +1,151 @@
+"""Motion clips with captions: the shared motion-capture collection, and what training draws from any source."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenectl.data.features import FPS, canonicalise, mirror, to_uniform_skeleton
+from scenes.errors import UserError
+
+MAX_ROOT_ACCELERATION = 50.0
+"""m/s^2; a pelvis that accelerates faster is a capture error (a sprinter's stays below 20)."""
+
+_SWAP = {"left": "right", "right": "left", "clockwise": "counterclockwise", "counterclockwise": "clockwise"}
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One captioned clip.
+
+    Attributes:
+        id: name within its source; augmented copies carry a suffix.
+        joints: metres at 20 fps on the uniform skeleton, ``[T, 22, 3]``, canonical frame.
+        captions: sentences that describe all of it.
+        source: data set it comes from.
+        split: "train", "val" or "test".
+        label: kind of motion, as the source names it.
+        licence: terms of the clip.
+        commercial_ok: whether weights trained on it may be used commercially.
+    """
+
+    id: str
+    joints: Float[Tensor, "T 22 3"]
+    captions: tuple[str, ...]
+    source: str
+    split: str
+    label: str
+    licence: str
+    commercial_ok: bool
+
+    @property
+    def frames(self) -> int:
+        return int(self.joints.shape[0])
+
+
+def load_motions(folder: str | Path, splits: Sequence[str] = ("train",)) -> list[Clip]:
+    """Clips of a `motions_20fps.npz` + `clips.jsonl` folder, on the uniform skeleton, capture errors left out.
+
+    Raises:
+        UserError: a file is missing or not of this format.
+    """
+    folder = Path(folder)
+    for name in ("motions_20fps.npz", "clips.jsonl"):
+        if not (folder / name).is_file():
+            raise UserError(f"motion folder '{folder}' has no {name}; see the README of the collection for its layout")
+    try:
+        positions = _positions(folder / "motions_20fps.npz")
+        rows = [json.loads(line) for line in (folder / "clips.jsonl").read_text().splitlines() if line.strip()]
+        clips = [_clip(row, positions[row["id"]]) for row in rows if row["split"] in splits]
+    except (KeyError, ValueError, OSError) as error:
+        raise UserError(f"motion folder '{folder}' is not in the expected format ({error})") from error
+    return [clip for clip in clips if clip.frames >= 2 and not _has_spike(clip.joints)]
+
+
+def _positions(path: Path) -> dict[str, np.ndarray]:
+    """Joint positions by clip id; stored as time differences of half-millimetre integers."""
+    with np.load(path, allow_pickle=False) as data:
+        delta = data["delta"].transpose(2, 0, 1)
+        ends = np.cumsum(np.r_[0, data["length"]])
+        quantum, ids = float(data["quant"]), [str(i) for i in data["ids"]]
+    out = {}
+    for i, key in enumerate(ids):
+        joints = np.cumsum(delta[ends[i] : ends[i + 1]].astype(np.int32), axis=0) * quantum
+        joints[:, 1:] += joints[:, :1]
+        out[key] = joints.astype(np.float32)
+    return out
+
+
+def _clip(row: dict[str, object], joints: np.ndarray) -> Clip:
+    seconds = joints.shape[0] / FPS
+    captions = [c for c in row["captions"] if _describes_all(c, seconds)]  # type: ignore[attr-defined]
+    return Clip(
+        id=str(row["id"]),
+        joints=canonicalise(to_uniform_skeleton(torch.from_numpy(joints))),
+        captions=tuple(str(c["text"]).lower().strip() for c in captions),
+        source=str(row["source"]),
+        split=str(row["split"]),
+        label=str(row["label"]).split(" | ")[0],
+        licence=str(row["licence"]),
+        commercial_ok=bool(row["commercial_ok"]),
+    )
+
+
+def _describes_all(caption: dict[str, object], seconds: float) -> bool:
+    """Captions of a part of a clip would teach the wrong thing."""
+    start, end = float(caption.get("start", 0.0)), float(caption.get("end", seconds))  # type: ignore[arg-type]
+    return end - start > 0.8 * seconds
+
+
+def _has_spike(joints: Float[Tensor, "T 22 3"]) -> bool:
+    acceleration = joints[:, 0].diff(n=2, dim=0).norm(dim=-1) * FPS**2
+    return bool((acceleration > MAX_ROOT_ACCELERATION).any())
+
+
+def mirrored(clip: Clip) -> Clip:
+    """The clip by a person whose sides are exchanged, captions included."""
+    captions = tuple(" ".join(_SWAP.get(word, word) for word in text.split(" ")) for text in clip.captions)
+    swapped = tuple(_swap_punctuated(text) for text in captions)
+    label = "-".join(_SWAP.get(part, part) for part in clip.label.split("-"))
+    return replace(clip, id=f"{clip.id}~m", joints=canonicalise(mirror(clip.joints)), captions=swapped, label=label)
+
+
+def _swap_punctuated(text: str) -> str:
+    """Swap words that carry punctuation ("left."), which the plain pass leaves alone."""
+    words = text.split(" ")
+    out = []
+    for word in words:
+        bare = word.rstrip(".,;:!")
+        out.append(_SWAP[bare] + word[len(bare) :] if bare != word and bare in _SWAP else word)
+    return " ".join(out)
+
+
+def bent(clip: Clip, curvature: float) -> Clip:
+    """The clip with its path bent into an arc of the given curvature (rad/m, positive to the person's left).
+
+    The bend is a fixed map of the floor plane, so a planted foot stays planted; bone lengths, which it
+    stretches by a few per cent, are restored afterwards.
+    """
+    x, y, z = clip.joints.unbind(-1)
+    radius = 1.0 / curvature
+    angle = curvature * z
+    warped = torch.stack([radius - (radius - x) * angle.cos(), y, (radius - x) * angle.sin()], dim=-1)
+    joints = canonicalise(to_uniform_skeleton(warped))
+    return replace(clip, id=f"{clip.id}~b{curvature:+.2f}", joints=joints)
+
+
+def retimed(clip: Clip, speed: float) -> Clip:
+    """The clip played `speed` times as fast, linearly resampled to 20 fps."""
+    frames = max(2, round((clip.frames - 1) / speed) + 1)
+    at = torch.linspace(0, clip.frames - 1, frames)
+    low = at.floor().long().clamp_max(clip.frames - 2)
+    part = (at - low)[:, None, None]
+    joints = clip.joints[low] * (1 - part) + clip.joints[low + 1] * part
+    return replace(clip, id=f"{clip.id}~s{speed:.2f}", joints=joints)

@@ -1,0 +1,206 @@
+"""MSCoT: tokens from coarse to fine, each scale's posterior tilted once, residuals refined at the end (algorithm 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int
+from pydantic import BaseModel, ConfigDict, Field
+from torch import Tensor
+
+from scenectl.data.features import FPS, features_to_joints
+from scenectl.generators.base import Generation, Guide, Progress
+from scenectl.generators.steps import DecodedStep
+from scenectl.models.bundle import Bundle
+from scenectl.models.schedule import MIN_FRAMES, tokens_for
+from scenectl.models.transformer import Cache
+from scenectl.text import TextFeatures
+from scenes.errors import UserError
+from scenes.motion import Motion, Pose2D
+
+MAX_SECONDS = 60.0
+"""Beyond this a request is taken for a mistake; the schedule itself has no limit."""
+
+
+class Sampling(BaseModel):
+    """How tokens are drawn.
+
+    Attributes:
+        cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5).
+        temperature: of the softmax.
+        top_p: smallest set of tokens with this share of the prior is kept; 1 keeps all.
+        clip_nats: largest spread of a position's tilt between codes (nats): an unclipped tilt can
+            overrule the prior altogether at the coarse scales. 0 leaves it as it is.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    cfg: float = Field(default=3.0, ge=0)
+    temperature: float = Field(default=1.0, gt=0)
+    top_p: float = Field(default=0.95, gt=0, le=1)
+    clip_nats: float = Field(default=12.0, ge=0)
+
+
+@dataclass
+class _State:
+    """One generation under way.
+
+    Attributes:
+        frames: frames asked for; the decoder makes a multiple of four, the rest is cut off.
+        finest: tokens at the finest scale.
+        codes: embeddings of the tokens drawn so far, by scale, ``[S, L_k, d]``.
+        refined: the same with the refiner's residuals.
+        moved: nats by which goals moved each scale's distribution, mean KL a position.
+    """
+
+    frames: int
+    finest: int
+    start: Pose2D
+    codes: list[Tensor]
+    refined: list[Tensor]
+    moved: list[float]
+
+
+class MSCoT:
+    """The generator behind one bundle of weights."""
+
+    name = "mscot"
+    fps = FPS
+
+    def __init__(self, bundle: Bundle, sampling: Sampling | None = None) -> None:
+        self.bundle = bundle
+        self.sampling = sampling or Sampling()
+        self.quantiser = bundle.tokenizer.quantiser
+
+    @property
+    def licence(self) -> str:
+        return self.bundle.licence
+
+    def generate(
+        self,
+        prompt: str,
+        seconds: float,
+        start: Pose2D,
+        guide: Guide | None = None,
+        samples: int = 1,
+        seed: int = 0,
+        progress: Progress | None = None,
+    ) -> Generation:
+        """Motions for a prompt, in world coordinates, ``[samples, T, 22, 3]`` with T = seconds x 20.
+
+        Raises:
+            UserError: no text, no sample, or a length outside 1.8 to 60 s.
+        """
+        frames = self._frames(prompt, seconds, samples)
+        draw = torch.Generator().manual_seed(seed)
+        state = _State(frames, tokens_for(frames), start, [], [], [])
+        self._draw_tokens(state, self._text(prompt, samples), guide, draw, progress)
+        motion = self._decode(state, state.refined)
+        trace: dict[str, object] = {"tilt_kl_nats": state.moved, "frames": frames}
+        if guide is None:
+            return Generation(motion, None, trace)
+        refined = self._refine(state, guide)
+        return Generation(self._decode(state, refined), motion, {**trace, **self._latent_move(state, refined)})
+
+    def _frames(self, prompt: str, seconds: float, samples: int) -> int:
+        shortest = MIN_FRAMES / FPS
+        if not prompt.strip():
+            raise UserError("the prompt is empty; describe the motion in a sentence, such as 'a person walks'")
+        if not shortest <= seconds <= MAX_SECONDS:
+            raise UserError(f"seconds is {seconds:g}; a motion lasts from {shortest:g} to {MAX_SECONDS:g} s")
+        if samples < 1:
+            raise UserError(f"samples is {samples}; ask for at least 1")
+        return round(seconds * FPS)
+
+    def _text(self, prompt: str, samples: int) -> TextFeatures:
+        """The prompt for every sample, then 'no text' for every sample (classifier-free guidance)."""
+        one = self.bundle.text.encode([prompt.lower().strip()] * 2)
+        pair = self.bundle.transformer.without_text(one, torch.tensor([False, True]))
+        return TextFeatures(*(torch.repeat_interleave(x, samples, 0) for x in (pair.sentence, pair.words, pair.mask)))
+
+    def _draw_tokens(
+        self, state: _State, text: TextFeatures, guide: Guide | None, draw: torch.Generator, progress: Progress | None
+    ) -> None:
+        cache = Cache()
+        for k in range(self.quantiser.scales):
+            if progress is not None:
+                progress("tokens", k / self.quantiser.scales)
+            logits = self._prior(state, text, k, cache)
+            if guide is not None:
+                logits = self._tilted(state, logits, k, guide)
+            tokens = _sample(logits, self.sampling.top_p, draw)
+            codes = self.quantiser.lookup(k, tokens)
+            state.codes.append(codes)
+            with torch.no_grad():
+                state.refined.append(codes + self.bundle.refiner(codes, k, state.finest))
+
+    @torch.no_grad()
+    def _prior(self, state: _State, text: TextFeatures, k: int, cache: Cache) -> Float[Tensor, "S L_k V"]:
+        """Log-probabilities of scale k's tokens given text and coarser tokens."""
+        twice = [torch.cat([e, e]) for e in state.codes]
+        both = self.bundle.transformer.predict(self.quantiser, text, twice, k, state.finest, cache)
+        told, untold = both.chunk(2)
+        logits = untold + self.sampling.cfg * (told - untold)
+        return (logits / self.sampling.temperature).log_softmax(-1)
+
+    def _tilted(
+        self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide
+    ) -> Float[Tensor, "S L_k V"]:
+        """First-order posterior of scale k (Eq. 9 to 11)."""
+        codes = self.quantiser.codes(k)
+        mean = prior.exp() @ codes
+        step = DecodedStep(mean, lambda e: self._decode(state, [*state.refined, e]))
+        tilt = clipped(guide.gradient(step) @ codes.T, self.sampling.clip_nats)
+        posterior = (prior + tilt).log_softmax(-1)
+        state.moved.append(float((posterior.exp() * (posterior - prior)).sum(-1).mean()))
+        return posterior
+
+    def _decode(self, state: _State, embeddings: list[Float[Tensor, "S L_k d"]]) -> Motion:
+        """World motion of embeddings, for as many scales as there are (algorithm 2)."""
+        latent = self.quantiser.latent(embeddings, state.finest)
+        features = self.bundle.tokenizer.decode_latent(latent)[:, : state.frames]
+        return Motion(features_to_joints(features), fps=FPS).placed(state.start)
+
+    def _refine(self, state: _State, guide: Guide) -> list[Float[Tensor, "S L_k d"]]:
+        """Continuous refinement of all scales' residuals at once (Eq. 12)."""
+        lengths = [e.shape[1] for e in state.refined]
+        step = DecodedStep(
+            torch.cat(state.refined, dim=1), lambda v: self._decode(state, list(v.split(lengths, dim=1)))
+        )
+        return list(guide.refine(step).split(lengths, dim=1))
+
+    def _latent_move(self, state: _State, refined: list[Tensor]) -> dict[str, object]:
+        """How far refinement moved the latent, relative to its size: small where guidance did its work."""
+        before, after = (self.quantiser.latent(e, state.finest) for e in (state.refined, refined))
+        moved = (after - before).flatten(1).norm(dim=1) / before.flatten(1).norm(dim=1)
+        return {"refinement_moved_latent": moved.tolist()}
+
+
+def clipped(tilt: Float[Tensor, "*b V"], nats: float) -> Float[Tensor, "*b V"]:
+    """The tilt scaled down where its spread over the codes exceeds `nats`; 0 leaves it alone."""
+    if nats == 0:
+        return tilt
+    spread = tilt.amax(-1, keepdim=True) - tilt.amin(-1, keepdim=True)
+    return tilt * (nats / spread.clamp_min(1e-12)).clamp_max(1.0)
+
+
+def exact_tilt(step: DecodedStep, guide: Guide, codes: Float[Tensor, "V d"], position: int) -> Float[Tensor, "S V"]:
+    """Log-likelihood of the goals for every code at one position, the others at their means (Eq. 9, V decodes)."""
+    rows = []
+    for code in codes:
+        value = step.value.clone()
+        value[:, position] = code
+        rows.append(guide.log_prob(replace(step, value=value)))
+    return torch.stack(rows, dim=-1)
+
+
+def _sample(logits: Float[Tensor, "S L V"], top_p: float, draw: torch.Generator) -> Int[Tensor, "S L"]:
+    """Tokens from the nucleus of each position's distribution."""
+    p = logits.softmax(-1)
+    ordered, index = p.sort(-1, descending=True)
+    outside = ordered.cumsum(-1) - ordered >= top_p
+    ordered = ordered.masked_fill(outside, 0.0)
+    picks = torch.multinomial(ordered.flatten(0, 1), 1, generator=draw).unflatten(0, logits.shape[:2])
+    return index.gather(-1, picks).squeeze(-1)
+

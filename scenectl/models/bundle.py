@@ -1,0 +1,77 @@
+"""The networks of one trained model, loaded from a folder, frozen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from scenectl.models.checkpoint import load_weights, read_about
+from scenectl.models.config import ModelConfig
+from scenectl.models.refiner import Refiner
+from scenectl.models.tokenizer import Tokenizer
+from scenectl.models.transformer import ScaleTransformer
+from scenectl.text import TextEncoder, load_text_encoder
+from scenes.errors import UserError, did_you_mean
+
+PARTS = ("tokenizer", "transformer", "refiner")
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Tokenizer, transformer, refiner and text encoder that belong together.
+
+    Attributes:
+        licence: terms of the weights, which follow from the data they were trained on.
+        about: the description stored with the weights.
+    """
+
+    config: ModelConfig
+    tokenizer: Tokenizer
+    transformer: ScaleTransformer
+    refiner: Refiner
+    text: TextEncoder
+    licence: str
+    about: dict[str, Any]
+
+
+def weights_folder(name: str | Path) -> Path:
+    """Folder of bundled weights by name, or the folder given; raises UserError where there is none."""
+    folder = Path(name)
+    if folder.is_dir():
+        return folder
+    bundled = Path(str(files("scenectl"))) / "weights"
+    names = sorted(p.name for p in bundled.iterdir() if p.is_dir()) if bundled.is_dir() else []
+    if str(name) in names:
+        return bundled / str(name)
+    raise UserError(f"no weights '{name}': neither a folder nor bundled{did_you_mean(str(name), names)}")
+
+
+def load_bundle(name: str | Path = "default") -> Bundle:
+    """Load a model; raises UserError where files are missing, damaged or of different models."""
+    folder = weights_folder(name)
+    about = {part: read_about(folder / f"{part}.safetensors") for part in PARTS}
+    try:
+        config = ModelConfig.model_validate(about["tokenizer"]["config"])
+        same = all(about[part]["config"] == about["tokenizer"]["config"] for part in PARTS)
+        licence = str(about["tokenizer"]["licence"])
+    except (KeyError, ValidationError) as error:
+        raise UserError(f"weights in '{folder}' describe no model ({str(error).splitlines()[0]})") from error
+    if not same:
+        raise UserError(f"weights in '{folder}' belong to different models; copy all three files from one training")
+    tokenizer, transformer, refiner = build(config)
+    for part, module in zip(PARTS, (tokenizer, transformer, refiner), strict=True):
+        load_weights(module, folder / f"{part}.safetensors")
+        module.eval().requires_grad_(False)
+    return Bundle(config, tokenizer, transformer, refiner, load_text_encoder(config.text), licence, about)
+
+
+def build(config: ModelConfig) -> tuple[Tokenizer, ScaleTransformer, Refiner]:
+    """The three networks, untrained."""
+    tokenizer = Tokenizer(config.tokenizer)
+    codes, dim, scales = config.tokenizer.codes, config.tokenizer.code_dim, len(config.tokenizer.scales)
+    transformer = ScaleTransformer(config.transformer, codes, dim, scales)
+    return tokenizer, transformer, Refiner(config.refiner, dim, scales)

@@ -1,0 +1,64 @@
+"""Weights on disk: safetensors, with everything needed to rebuild the network in the header. Never pickle."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import nn
+
+from scenes.errors import UserError
+from scenes.files import atomic_write
+
+_KIND = "scenectl"
+
+
+def save_weights(module: nn.Module, path: str | Path, about: dict[str, Any], *, half: bool = False) -> None:
+    """Write a module's weights and a description; whole or not at all.
+
+    Args:
+        module: its `state_dict` is stored.
+        path: file to write.
+        about: JSON-able description, read back by `read_about`.
+        half: store floating-point tensors in half precision, which halves the file.
+    """
+    state = {
+        name: (tensor.half() if half and tensor.is_floating_point() else tensor).detach().contiguous().cpu()
+        for name, tensor in module.state_dict().items()
+    }
+    with atomic_write(path) as file:
+        file.write(save(state, metadata={_KIND: json.dumps(about)}))
+
+
+def read_about(path: str | Path) -> dict[str, Any]:
+    """The description that was stored with weights; raises UserError where there is none."""
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"weights '{path}' do not exist; train them or name another folder")
+    try:
+        with safe_open(path, framework="pt") as file:
+            about: dict[str, Any] = json.loads((file.metadata() or {})[_KIND])
+            return about
+    except (SafetensorError, KeyError, ValueError, OSError) as error:
+        raise UserError(f"weights '{path}' are not a scenectl checkpoint or are damaged ({error})") from error
+
+
+def load_weights(module: nn.Module, path: str | Path) -> None:
+    """Fill a module with stored weights, in the module's own precision; raises UserError where they do not fit."""
+    path = Path(path)
+    read_about(path)
+    wanted = module.state_dict()
+    try:
+        with safe_open(path, framework="pt") as file:
+            state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+    except (SafetensorError, OSError) as error:
+        raise UserError(f"weights '{path}' are damaged ({error})") from error
+    if state.keys() != wanted.keys() or any(state[n].shape != wanted[n].shape for n in wanted):
+        raise UserError(f"weights '{path}' belong to a network of another shape; check its config")
+    if not all(bool(torch.isfinite(t).all()) for t in state.values() if t.is_floating_point()):
+        raise UserError(f"weights '{path}' hold numbers that are not finite; train again or fetch them again")
+    module.load_state_dict({name: tensor.to(wanted[name].dtype) for name, tensor in state.items()})

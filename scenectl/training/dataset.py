@@ -1,0 +1,148 @@
+"""Training windows: features of clips and their augmented copies, drawn so that no kind of motion drowns."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from safetensors import safe_open
+from safetensors.numpy import save_file
+from torch import Tensor
+
+from scenectl.data.augment import Augmentation, augmented
+from scenectl.data.corpus import Clip, load_motions
+from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
+from scenes.errors import UserError
+
+_FORMAT = 3
+"""Raised whenever prepared data must be made again."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Clips as features, ready to be cut.
+
+    Attributes:
+        features: all clips one after the other, ``[N, 263]``.
+        starts: first row of each clip, with N at the end, ``[C + 1]``.
+        captions: sentences of each clip.
+        groups: kind of motion of each clip, for balancing and reports.
+        sources: data set of each clip.
+        ids: names of the clips.
+    """
+
+    features: Float[Tensor, "N 263"]
+    starts: Int[Tensor, " C1"]
+    captions: list[list[str]]
+    groups: list[str]
+    sources: list[str]
+    ids: list[str]
+
+    @property
+    def lengths(self) -> Int[Tensor, " C"]:
+        """Rows of each clip."""
+        return self.starts.diff()
+
+    @property
+    def hours(self) -> float:
+        return len(self.features) / FPS / 3600
+
+    def statistics(self) -> tuple[Float[Tensor, "263"], Float[Tensor, "263"]]:
+        """Mean of each feature, and its standard deviation averaged within each group of the layout."""
+        mean = self.features.mean(0)
+        std = self.features.std(0)
+        for group in GROUPS:
+            std[group] = std[group].mean()
+        return mean, std
+
+    def draw(self, length: int, batch: int, generator: torch.Generator) -> tuple[Tensor, Int[Tensor, " B"]]:
+        """Random windows ``[B, length, 263]`` of clips that are long enough, and the clips' indices.
+
+        A group's share is the square root of its size: big groups lead without drowning small ones.
+        """
+        weights = self._weights(length)
+        clips = torch.multinomial(weights, batch, replacement=True, generator=generator)
+        slack = (self.lengths[clips] - length).double()
+        offset = (torch.rand(batch, generator=generator, dtype=torch.float64) * (slack + 1)).long()
+        rows = (self.starts[clips] + offset)[:, None] + torch.arange(length)
+        return self.features[rows], clips
+
+    def _weights(self, length: int) -> Float[Tensor, " C"]:
+        room = (self.lengths - length + 1).clamp_min(0).float()
+        if not bool((room > 0).any()):
+            raise UserError(f"no clip of the training data has {length} frames; shorten the windows in the config")
+        # Capped, or one long clip would outweigh all the short ones beside it.
+        room = torch.where(room > 0, room.clamp_max(100.0) + length, room)
+        names = {name: i for i, name in enumerate(sorted(set(self.groups)))}
+        index = torch.tensor([names[g] for g in self.groups])
+        size = torch.zeros(len(names)).index_add_(0, index, room)
+        return room / size[index].clamp_min(1e-9).sqrt()
+
+
+def _group(clip: Clip) -> str:
+    """Bandai's labels are kinds of motion; elsewhere labels are nearly unique, so the source is the group."""
+    return f"{clip.source}: {clip.label}" if clip.source == "bandai" else clip.source
+
+
+def prepare(folder: Path, splits: Sequence[str], augmentation: Augmentation | None, cache: Path, seed: int) -> Windows:
+    """Load, augment and convert a motion folder; kept under `cache` so that a resumed run starts at once."""
+    stamp = (folder / "motions_20fps.npz").stat() if (folder / "motions_20fps.npz").is_file() else None
+    key = json.dumps(
+        [
+            _FORMAT,
+            str(folder.resolve()),
+            stamp and [stamp.st_size, int(stamp.st_mtime)],
+            sorted(splits),
+            augmentation and augmentation.model_dump(),
+            seed,
+        ]
+    )
+    path = cache / f"windows-{hashlib.sha256(key.encode()).hexdigest()[:16]}.safetensors"
+    if not path.is_file():
+        clips = load_motions(folder, splits)
+        if augmentation is not None:
+            clips = augmented(clips, augmentation, seed)
+        _store([clip for clip in clips if clip.frames >= 5 and clip.captions], path)
+    return _load(path)
+
+
+def _store(clips: Sequence[Clip], path: Path) -> None:
+    features = [joints_to_features(clip.joints).numpy() for clip in clips]
+    about = {
+        "captions": [list(clip.captions) for clip in clips],
+        "groups": [_group(clip) for clip in clips],
+        "sources": [clip.source for clip in clips],
+        "ids": [clip.id for clip in clips],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".tmp")
+    arrays = {
+        "features": np.concatenate(features).astype(np.float32),
+        "starts": np.cumsum([0] + [len(f) for f in features]).astype(np.int64),
+    }
+    save_file(arrays, temporary, metadata={"about": json.dumps(about)})
+    temporary.replace(path)
+
+
+def _load(path: Path) -> Windows:
+    with safe_open(path, framework="pt") as file:
+        about = json.loads(file.metadata()["about"])
+        windows = Windows(file.get_tensor("features"), file.get_tensor("starts"), **about)
+    if windows.features.shape[-1] != FEATURES:
+        raise UserError(f"prepared data '{path}' does not fit this version; delete it and run again")
+    return windows
+
+
+def census(windows: Windows) -> dict[str, int]:
+    """Frames by source."""
+    frames: Counter[str] = Counter()
+    for source, length in zip(windows.sources, windows.lengths.tolist(), strict=True):
+        frames[source] += int(length)
+    return dict(frames)

@@ -1,0 +1,187 @@
+"""The loop under every training command: schedule, moving average, resume, loss curves."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from pydantic import BaseModel, ConfigDict
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor, nn
+
+from scenes.errors import UserError
+from scenes.files import atomic_write
+
+StepFunction = Callable[[int, torch.Generator], tuple[Tensor, dict[str, float]]]
+"""Iteration and its random generator in; loss and figures to log out."""
+
+
+class LoopSettings(BaseModel):
+    """How long and how fast to learn.
+
+    Attributes:
+        iterations: optimiser steps in all; a resumed run may name another number.
+        batch: samples a step.
+        learning_rate: peak of the cosine schedule, after `warmup` steps.
+        weight_decay, clip: AdamW's decay, and the largest gradient norm.
+        average: decay of the moving average of the weights, which is what gets shipped.
+        save_seconds: how often the state is written, so that a kill costs no more than that.
+        log_every: steps between two points of the loss curve.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    iterations: int
+    batch: int
+    learning_rate: float = 2e-4
+    warmup: int = 100
+    weight_decay: float = 0.01
+    clip: float = 1.0
+    average: float = 0.995
+    save_seconds: float = 120.0
+    log_every: int = 20
+
+
+class Loop:
+    """Trains one module; everything it knows is in `folder`, so that a killed run goes on where it was.
+
+    Every iteration seeds its own random numbers from the run's seed and its index, so that a resumed run
+    sees exactly what an uninterrupted one would have seen.
+    """
+
+    def __init__(self, module: nn.Module, settings: LoopSettings, folder: Path, seed: int) -> None:
+        self.module, self.settings, self.folder, self.seed = module, settings, folder, seed
+        self.parameters = [p for p in module.parameters() if p.requires_grad]
+        self.optimiser = torch.optim.AdamW(
+            self.parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, betas=(0.9, 0.99)
+        )
+        self.averaged = copy.deepcopy(module)
+        self.iteration = 0
+        self.seconds = 0.0
+        self.curve: list[dict[str, float]] = []
+        self._resume()
+
+    @property
+    def state_path(self) -> Path:
+        return self.folder / "state.safetensors"
+
+    def run(self, step: StepFunction, after: Callable[[], None] | None = None) -> None:
+        """Train to the last iteration.
+
+        Args:
+            step: computes the loss of one iteration.
+            after: called once the optimiser has moved (codebook updates).
+        """
+        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+        with Progress(*columns) as progress:
+            bar = progress.add_task(self.folder.name, total=self.settings.iterations, completed=self.iteration)
+            saved, logged, sums = time.monotonic(), time.monotonic(), dict[str, float]()
+            while self.iteration < self.settings.iterations:
+                loss, figures = self._step(step)
+                if after is not None:
+                    after()
+                self._average()
+                self.iteration += 1
+                for key, value in {"loss": loss, **figures}.items():
+                    sums[key] = sums.get(key, 0.0) + value
+                if self.iteration % self.settings.log_every == 0:
+                    now = time.monotonic()
+                    self.seconds, logged = self.seconds + now - logged, now
+                    self._log(sums)
+                    sums = {}
+                    progress.update(bar, completed=self.iteration, description=self._line())
+                if time.monotonic() - saved > self.settings.save_seconds:
+                    self.save()
+                    saved = time.monotonic()
+        self.save()
+
+    def _step(self, step: StepFunction) -> tuple[float, dict[str, float]]:
+        generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.iteration)
+        torch.manual_seed(self.seed * 1_000_003 + self.iteration)
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.learning_rate()
+        self.module.train()
+        self.optimiser.zero_grad(set_to_none=True)
+        loss, figures = step(self.iteration, generator)
+        if not torch.isfinite(loss):
+            raise UserError(
+                f"training '{self.folder.name}' diverged at iteration {self.iteration}; "
+                "lower learning_rate in its config"
+            )
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
+        self.optimiser.step()
+        return float(loss.detach()), figures
+
+    def learning_rate(self) -> float:
+        """Linear warm-up, then a cosine to one per cent of the peak."""
+        s = self.settings
+        if self.iteration < s.warmup:
+            return s.learning_rate * (self.iteration + 1) / s.warmup
+        done = (self.iteration - s.warmup) / max(s.iterations - s.warmup, 1)
+        return s.learning_rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(done, 1.0))))
+
+    @torch.no_grad()
+    def _average(self) -> None:
+        decay = min(self.settings.average, (1 + self.iteration) / (10 + self.iteration))
+        for mean, own in zip(self.averaged.parameters(), self.module.parameters(), strict=True):
+            mean.lerp_(own, 1 - decay)
+        for mean, own in zip(self.averaged.buffers(), self.module.buffers(), strict=True):
+            mean.copy_(own)
+
+    def _log(self, sums: dict[str, float]) -> None:
+        point = {key: value / self.settings.log_every for key, value in sums.items()}
+        self.curve.append({"iteration": self.iteration, "seconds": self.seconds, "lr": self.learning_rate(), **point})
+
+    def _line(self) -> str:
+        point = self.curve[-1]
+        figures = " ".join(f"{k} {v:.4g}" for k, v in point.items() if k not in ("iteration", "seconds", "lr"))
+        return f"{self.folder.name}: {figures} ({self.iteration / max(self.seconds, 1e-9):.2f} it/s)"
+
+    def save(self) -> None:
+        """Write weights, moving average, optimiser moments and the loss curve."""
+        tensors: dict[str, Tensor] = {}
+        for prefix, module in (("model", self.module), ("averaged", self.averaged)):
+            tensors |= {f"{prefix}.{n}": t.detach().clone().contiguous() for n, t in module.state_dict().items()}
+        for i, parameter in enumerate(self.parameters):
+            for key, value in self.optimiser.state.get(parameter, {}).items():
+                tensors[f"moment.{i}.{key}"] = torch.as_tensor(value).clone()
+        about = {"iteration": self.iteration, "seconds": self.seconds, "seed": self.seed}
+        with atomic_write(self.state_path) as file:
+            file.write(save(tensors, metadata={"about": json.dumps(about)}))
+        with atomic_write(self.folder / "curve.json", "w") as file:
+            json.dump(self.curve, file)
+
+    def _resume(self) -> None:
+        if not self.state_path.is_file():
+            return
+        try:
+            with safe_open(self.state_path, framework="pt") as file:
+                about: dict[str, Any] = json.loads(file.metadata()["about"])
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+            for prefix, module in (("model", self.module), ("averaged", self.averaged)):
+                module.load_state_dict(
+                    {n.removeprefix(f"{prefix}."): t for n, t in tensors.items() if n.startswith(f"{prefix}.")}
+                )
+        except (SafetensorError, KeyError, RuntimeError, OSError, ValueError) as error:
+            raise UserError(
+                f"training state '{self.state_path}' does not fit this config ({str(error).splitlines()[0]}); "
+                "delete the folder to start afresh"
+            ) from error
+        for i, parameter in enumerate(self.parameters):
+            moments = {k: tensors[f"moment.{i}.{k}"] for k in ("step", "exp_avg", "exp_avg_sq")
+                       if f"moment.{i}.{k}" in tensors}
+            if moments:
+                self.optimiser.state[parameter] = moments
+        self.iteration, self.seconds = int(about["iteration"]), float(about["seconds"])
+        if (self.folder / "curve.json").is_file():
+            self.curve = [p for p in json.loads((self.folder / "curve.json").read_text())
+                          if p["iteration"] <= self.iteration]

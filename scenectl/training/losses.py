@@ -1,0 +1,52 @@
+"""Reconstruction losses that tokenizer and refiner share."""
+
+from __future__ import annotations
+
+import torch.nn.functional as F
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict
+from torch import Tensor
+
+from scenectl.data.features import CONTACT_JOINTS, ROOT_VELOCITY, YAW, features_to_joints
+from scenes.skeleton import HUMANML3D
+
+_FEET = HUMANML3D.indices(CONTACT_JOINTS)
+
+
+class ReconstructionWeights(BaseModel):
+    """Weights of the reconstruction terms.
+
+    Attributes:
+        features: smooth L1 on normalised features.
+        root: extra weight of yaw and root velocity, whose errors add up over the clip.
+        joints: L1 on global joint positions (m).
+        feet: L1 on the displacement of ankles and feet between frames (m).
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    features: float = 1.0
+    root: float = 1.0
+    joints: float = 2.0
+    feet: float = 10.0
+
+
+def reconstruction_loss(
+    got: Float[Tensor, "B T 263"],
+    wanted: Float[Tensor, "B T 263"],
+    std: Float[Tensor, "263"],
+    weights: ReconstructionWeights,
+) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
+    """The loss, and the mean global joint error in metres, of raw features."""
+    error = F.smooth_l1_loss(got / std, wanted / std, reduction="none", beta=0.5)
+    root = error[..., YAW].mean() + error[..., ROOT_VELOCITY].mean()
+    joints, true = features_to_joints(got), features_to_joints(wanted)
+    difference = joints - true
+    feet = difference[..., _FEET, :].diff(dim=-3).abs().mean()
+    loss = (
+        weights.features * error.mean()
+        + weights.root * root
+        + weights.joints * difference.abs().mean()
+        + weights.feet * feet
+    )
+    return loss, difference.detach().norm(dim=-1).mean()

@@ -1,0 +1,52 @@
+"""Training of the token refiner on the frozen tokenizer, by reconstruction alone (section 3.2)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from pydantic import BaseModel, ConfigDict
+from torch import Tensor
+
+from scenectl.models.config import RefinerConfig
+from scenectl.models.refiner import Refiner
+from scenectl.models.tokenizer import Tokenizer
+from scenectl.training.dataset import Windows
+from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
+
+
+class RefinerTraining(BaseModel):
+    """Settings of the refiner's training."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    loop: LoopSettings
+    frames: tuple[int, ...] = (64,)
+    reconstruction: ReconstructionWeights = ReconstructionWeights()
+
+
+def train_refiner(
+    config: RefinerConfig, tokenizer: Tokenizer, settings: RefinerTraining, data: Windows, folder: Path, seed: int
+) -> Loop:
+    """Train, or go on training, in `folder`."""
+    tokenizer.eval().requires_grad_(False)
+    model = Refiner(config, tokenizer.config.code_dim, tokenizer.quantiser.scales)
+    loop = Loop(model, settings.loop, folder, seed)
+
+    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+        choice = int(torch.randint(len(settings.frames), (), generator=generator))
+        frames = settings.frames[choice]
+        batch = max(1, settings.loop.batch * settings.frames[0] // frames)
+        features, _ = data.draw(frames, batch, generator)
+        with torch.no_grad():
+            tokens = tokenizer.encode(features)
+        finest = tokens[-1].shape[-1]
+        codes = [tokenizer.quantiser.lookup(k, t) for k, t in enumerate(tokens)]
+        refined = [e + model(e, k, finest) for k, e in enumerate(codes)]
+        got = tokenizer.decode_latent(tokenizer.quantiser.latent(refined, finest))
+        loss, error = reconstruction_loss(got, features, tokenizer.std, settings.reconstruction)
+        return loss, {"error_m": float(error)}
+
+    loop.run(step)
+    return loop

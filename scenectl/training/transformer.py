@@ -1,0 +1,129 @@
+"""Training of the scale-wise transformer on the frozen tokenizer's tokens (Eq. 39)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from pydantic import BaseModel, ConfigDict
+from torch import Tensor
+
+from scenectl.models.config import TransformerConfig
+from scenectl.models.schedule import DOWNSAMPLING
+from scenectl.models.tokenizer import Tokenizer
+from scenectl.models.transformer import ScaleTransformer
+from scenectl.text import TextEncoder, TextFeatures
+from scenectl.training.dataset import Windows
+from scenectl.training.loop import Loop, LoopSettings
+
+
+class TransformerTraining(BaseModel):
+    """Settings of the transformer's training.
+
+    Attributes:
+        loop: length and speed; `batch` is for windows of 64 frames, and shrinks with longer ones.
+        min_frames, max_frames: window lengths, drawn for each batch in steps of four frames.
+        drop_text: probability of training a sample without text (classifier-free guidance).
+        corrupt: share of prefix tokens replaced by random ones, which teaches the model to live with its mistakes.
+        smoothing: label smoothing.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    loop: LoopSettings
+    min_frames: int = 36
+    max_frames: int = 196
+    drop_text: float = 0.1
+    corrupt: float = 0.05
+    smoothing: float = 0.05
+
+
+class Captions:
+    """Text features of every caption, encoded once."""
+
+    def __init__(self, data: Windows, encoder: TextEncoder) -> None:
+        texts = sorted({text for captions in data.captions for text in captions})
+        index = {text: i for i, text in enumerate(texts)}
+        self.of_clip = [[index[text] for text in captions] for captions in data.captions]
+        parts = [encoder.encode(texts[i : i + 64]) for i in range(0, len(texts), 64)]
+        longest = max(p.words.shape[1] for p in parts)
+        self.sentence = torch.cat([p.sentence for p in parts])
+        self.words = torch.cat([F.pad(p.words, (0, 0, 0, longest - p.words.shape[1])) for p in parts])
+        self.mask = torch.cat([F.pad(p.mask, (0, longest - p.mask.shape[1])) for p in parts])
+
+    def draw(self, clips: Int[Tensor, " B"], generator: torch.Generator) -> TextFeatures:
+        """A random caption of each clip."""
+        uniform = torch.rand(len(clips), generator=generator).tolist()
+        rows = torch.tensor(
+            [self.of_clip[c][int(u * len(self.of_clip[c]))] for c, u in zip(clips.tolist(), uniform, strict=True)]
+        )
+        words = int(self.mask[rows].sum(-1).max())
+        return TextFeatures(self.sentence[rows], self.words[rows, :words], self.mask[rows, :words])
+
+
+def train_transformer(
+    config: TransformerConfig,
+    tokenizer: Tokenizer,
+    encoder: TextEncoder,
+    settings: TransformerTraining,
+    data: Windows,
+    folder: Path,
+    seed: int,
+) -> Loop:
+    """Train, or go on training, in `folder`."""
+    tokenizer.eval().requires_grad_(False)
+    captions = Captions(data, encoder)
+    quantiser = tokenizer.quantiser
+    model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
+    loop = Loop(model, settings.loop, folder, seed)
+
+    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+        low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
+        finest = int(torch.randint(low, high + 1, (), generator=generator))
+        batch = max(4, settings.loop.batch * 16 // finest)
+        features, clips = data.draw(finest * DOWNSAMPLING, batch, generator)
+        tokens = _tokens(tokenizer, features)
+        drop = torch.rand(batch, generator=generator) < settings.drop_text
+        prompt = model.without_text(captions.draw(clips, generator), drop)
+        seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
+        logits = model(quantiser, prompt, seen, finest)
+        target = torch.cat(tokens, dim=1)
+        loss = F.cross_entropy(logits.flatten(0, 1), target.flatten(), label_smoothing=settings.smoothing)
+        return loss, {"cross_entropy": float(F.cross_entropy(logits.detach().flatten(0, 1), target.flatten()))}
+
+    loop.run(step)
+    return loop
+
+
+@torch.no_grad()
+def _tokens(tokenizer: Tokenizer, features: Float[Tensor, "B T 263"]) -> list[Int[Tensor, "B L_k"]]:
+    return tokenizer.encode(features)
+
+
+def _corrupted(tokens: Int[Tensor, "B L"], share: float, codes: int, generator: torch.Generator) -> Int[Tensor, "B L"]:
+    random = torch.randint(codes, tokens.shape, generator=generator)
+    return torch.where(torch.rand(tokens.shape, generator=generator) < share, random, tokens)
+
+
+@torch.no_grad()
+def cross_entropy_by_scale(
+    model: ScaleTransformer, tokenizer: Tokenizer, encoder: TextEncoder, data: Windows, frames: int = 64
+) -> list[float]:
+    """Cross-entropy (nats a token) of each scale over the first `frames` frames of every clip long enough."""
+    model.eval()
+    captions = Captions(data, encoder)
+    quantiser, total, count = tokenizer.quantiser, None, 0
+    clips = [i for i in range(len(data.ids)) if int(data.lengths[i]) >= frames]
+    lengths = list(quantiser.lengths(frames // DOWNSAMPLING))
+    for i in range(0, len(clips), 32):
+        part = torch.tensor(clips[i : i + 32])
+        rows = data.starts[part][:, None] + torch.arange(frames)
+        tokens = tokenizer.encode(data.features[rows])
+        prompt = captions.draw(part, torch.Generator().manual_seed(i))
+        logits = model(quantiser, prompt, tokens, frames // DOWNSAMPLING)
+        loss = F.cross_entropy(logits.transpose(1, 2), torch.cat(tokens, 1), reduction="none")
+        sums = torch.stack([piece.mean(1).sum() for piece in loss.split(lengths, dim=1)])
+        total, count = sums if total is None else total + sums, count + len(part)
+    return [] if total is None else (total / count).tolist()
