@@ -331,7 +331,7 @@ def test_wrong_arguments_get_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="legs would be 82 m long"):
         load_bvh(tmp_path / "a.bvh", unit="m")
     with pytest.raises(UserError, match="state a positive number"):
-        load_bvh(tmp_path / "a.bvh", fps=0)
+        load_bvh(tmp_path / "a.bvh", fps=0.0)
     write(tmp_path / "tiny.bvh", skeleton("mixamo"), scale=1e-6)
     with pytest.raises(UserError, match="fit no known unit"):
         load_bvh(tmp_path / "tiny.bvh")
