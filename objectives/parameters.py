@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
@@ -41,6 +41,13 @@ class Region(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     x: tuple[float, float] = (-math.inf, math.inf)
     z: tuple[float, float] = (-math.inf, math.inf)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Region:
+        for name, (low, high) in (("x", self.x), ("z", self.z)):
+            if not low <= high:
+                raise UserError(f"{name} must be [lowest, highest], not {[low, high]}")
+        return self
 
 
 def _beside(path: Path, info: Any) -> Path:  # pydantic's ValidationInfo
@@ -136,6 +143,8 @@ def _same_kind(given: Any, parsed: Any) -> bool:
     """Reject what pydantic converts but a person did not mean: "1.5" or true for a number, nan, inf."""
     if isinstance(parsed, float):
         return isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(parsed)
+    if isinstance(parsed, BaseModel) and isinstance(given, Mapping):
+        return all(_same_kind(value, getattr(parsed, key)) for key, value in given.items())
     if isinstance(parsed, list | tuple) and isinstance(given, list | tuple):
         return all(_same_kind(g, p) for g, p in zip(given, parsed, strict=True))
     return True
@@ -147,9 +156,10 @@ def _shown(value: Any) -> str:
 
 
 def _sentence(error: ValidationError, hint: Any, value: Any) -> str:
-    # A union reports every alternative; our own messages first, then the one that got furthest into the value.
+    # A union reports every alternative: our own messages first, then misspelled keys (which also make others
+    # missing), then whatever got furthest into the value.
     found = error.errors(include_url=False)
-    best = max(found, key=lambda e: (e["type"] == "value_error", len(e["loc"])))
+    best = max(found, key=lambda e: (e["type"] == "value_error", e["type"] == "extra_forbidden", len(e["loc"])))
     keys = [str(k) for k in best["loc"]]
     message = best["msg"][:1].lower() + best["msg"][1:]
     if best["type"] == "value_error":
@@ -159,7 +169,7 @@ def _sentence(error: ValidationError, hint: Any, value: Any) -> str:
     if best["type"] in ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "too_short", "too_long"):
         return f": {message}, not {_shown(best['input'])}"
     if isinstance(value, Mapping) and keys:
-        return f": at '{keys[-1]}' {message.removeprefix('input ')}"
+        return f": '{keys[-1]}' " + ("is missing" if best["type"] == "missing" else message.removeprefix("input "))
     return f" must be {describe(hint)}, not {_shown(value)}"
 
 

@@ -62,6 +62,15 @@ class Parameter:
     def required(self) -> bool:
         return self.default is ...
 
+    @property
+    def default_text(self) -> str:
+        """The default as a task file would write it; empty where there is none."""
+        if self.required or self.default is None:
+            return ""
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        return str(list(self.default)) if isinstance(self.default, tuple) else str(self.default)
+
 
 @dataclass(frozen=True)
 class GoalSpec:
@@ -89,19 +98,28 @@ class GoalSpec:
     tolerance: float
     parameters: Mapping[str, Parameter]
 
-    def validate(self, given: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
-        """Parameters converted to their annotated types; raises UserError, one sentence, for any that does not fit."""
+    def validate(self, given: Mapping[str, Any], folder: Path | None = None, label: str = "") -> dict[str, Any]:
+        """Parameters converted to their annotated types.
+
+        Args:
+            given: as written in a task file or in Python.
+            folder: where relative file names are looked for.
+            label: how errors start, by default with the goal's name.
+
+        Raises:
+            UserError: one sentence for an unknown or missing parameter, or a value that does not fit.
+        """
+        label = label or f"goal '{self.name}'"
         for key in given:
             if key not in self.parameters:
                 known = {*self.parameters, *TERM_KEYS} - {"use"}
-                raise UserError(f"goal '{self.name}': unknown parameter '{key}'{did_you_mean(key, known)}")
+                raise UserError(f"{label}: unknown parameter '{key}'{did_you_mean(key, known)}")
         for parameter in self.parameters.values():
             if parameter.required and parameter.name not in given:
                 meaning = f" ({parameter.doc})" if parameter.doc else ""
-                wanted = f"parameter '{parameter.name}' is missing; it is {parameter.type}{meaning}"
-                raise UserError(f"goal '{self.name}': {wanted}")
+                raise UserError(f"{label}: parameter '{parameter.name}' is missing; it is {parameter.type}{meaning}")
         return {
-            key: parse(f"goal '{self.name}': parameter '{key}'", self.parameters[key].hint, value, folder)
+            key: parse(f"{label}: parameter '{key}'", self.parameters[key].hint, value, folder)
             for key, value in given.items()
         }
 

@@ -1,0 +1,192 @@
+"""Goals against the papers' equations, written out as loops over plain numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from objectives import ArrayTrack, Context, Term
+from scenes.body import DEFAULT_BODY
+from scenes.motion import Motion
+from scenes.scene import Scene
+from scenes.skeleton import HUMANML3D
+from tests.objectives.cases import Ball, Joints, context, standing, wandering
+
+J = len(HUMANML3D.names)
+HEAD, LEFT, RIGHT = (HUMANML3D.index(name) for name in ("head", "left_foot", "right_foot"))
+
+
+def relu(u: float) -> float:
+    return max(0.0, u)
+
+
+def rows(motion: Motion) -> list[list[list[float]]]:
+    return motion.joints.tolist()
+
+
+def test_joint_target_is_equation_41() -> None:
+    motion, generator = wandering(), torch.Generator().manual_seed(3)
+    target = torch.rand(motion.frames, 2, 3, generator=generator, dtype=torch.float64)
+    b = torch.rand(motion.frames, 2, generator=generator) < 0.4
+    names, sigma = ["left_wrist", "head"], 0.05**2
+    expected = 0.0
+    for t in range(motion.frames):
+        for i, name in enumerate(names):
+            if b[t, i]:
+                expected += math.dist(rows(motion)[t][HUMANML3D.index(name)], target[t, i].tolist()) ** 2
+    track = ArrayTrack(positions=target.numpy(), mask=b.numpy())
+    term = Term("joint_target", {"joint": names, "track": track})
+    assert float(term.cost(motion, context())) == pytest.approx(expected / (2 * sigma))
+
+
+def test_sphere_repulsion_is_equations_42_and_43() -> None:
+    motion, center, radius, margin = wandering(), (0.1, 1.0, 0.3), 0.3, 0.15
+    expected = 0.0
+    for frame in rows(motion):
+        for point in frame:
+            d = math.dist(point, center) - radius
+            expected += relu(margin - d) ** 2
+    term = Term("sphere_repulsion", {"center": center, "radius": radius, "margin": margin})
+    assert float(term.cost(motion, context())) == pytest.approx(expected / (motion.frames * J))
+
+
+def test_a_moving_sphere_is_where_its_track_is() -> None:
+    motion = wandering(t0=1.0)
+    track = {"kind": "waypoints", "times": [1.1, 1.3], "positions": [[0, 1, 0], [0.4, 1, 0]]}
+    expected = 0.0
+    for t, frame in enumerate(rows(motion)):
+        share = min(1, max(0, (1.0 + t / 20 - 1.1) / 0.2))
+        for point in frame:
+            expected += relu(0.1 - (math.dist(point, (0.4 * share, 1, 0)) - 0.3)) ** 2
+    term = Term("sphere_repulsion", {"center": track, "radius": 0.3})
+    assert float(term.cost(motion, context())) == pytest.approx(expected / (motion.frames * J))
+
+
+def test_a_capsule_is_the_nearest_of_many_spheres() -> None:
+    motion, a, b = wandering(), torch.tensor([0.2, 0.3, 0.2]), torch.tensor([0.1, 1.4, 0.5])
+    centers = [torch.lerp(a, b, torch.tensor(s / 400)).tolist() for s in range(401)]
+    expected = sum(
+        relu(0.1 - (min(math.dist(p, c) for c in centers) - 0.2)) ** 2 for frame in rows(motion) for p in frame
+    )
+    term = Term("capsule_repulsion", {"a": a.tolist(), "b": b.tolist(), "radius": 0.2})
+    assert float(term.cost(motion, context())) == pytest.approx(expected / (motion.frames * J), rel=1e-4)
+
+
+def test_sdf_penetration_is_equations_45_and_46() -> None:
+    world = Context(Ball(drift=0.4), Joints())
+    motion = wandering(t0=0.5)
+    points, radius = world.body.points(motion)
+    expected = 0.0
+    for t in range(motion.frames):
+        for m in range(points.shape[-2]):
+            phi = world.scene.distance(points[t, m], torch.tensor(0.5 + t / 20, dtype=torch.float64))
+            expected += relu(-(float(phi) - float(radius[m])))
+    term = Term("sdf_penetration")
+    assert expected > 0
+    assert float(term.cost(motion, world)) == pytest.approx(expected / (motion.frames * J))
+
+
+def test_exempted_parts_leave_sum_and_mean() -> None:
+    motion, world = wandering(), context()
+    everything = Term("sdf_penetration").evaluate(motion, world).residual
+    hand = [J - 1]
+    rest = [m for m in range(J) if m not in hand]
+    always = Term("sdf_penetration", {"exempt": "right_wrist"})
+    torch.testing.assert_close(always.cost(motion, world), everything[:, rest].mean())
+    window = Term("sdf_penetration", {"exempt": "right_wrist", "exempt_windows": [[0.1, 0.2]]})
+    counted = torch.ones_like(everything, dtype=torch.bool)
+    counted[2:5, hand] = False
+    torch.testing.assert_close(window.cost(motion, world), everything[counted].mean())
+    whole = Term("sdf_penetration", {"exempt_windows": [[0.1, 0.2]]})
+    torch.testing.assert_close(whole.cost(motion, world), everything[[0, 1, 5, 6, 7, 8]].mean())
+
+
+def test_foot_contact_is_equations_47_and_48() -> None:
+    motion, world, tau = wandering(), context(), 0.01
+    expected = 0.0
+    for t in range(motion.frames):
+        time = torch.tensor(t / 20, dtype=torch.float64)
+        phi = min(float(world.scene.distance(motion.joints[t, j], time)) for j in (LEFT, RIGHT))
+        expected += relu(phi - world.body.sole_offset - tau)
+    term = Term("foot_contact", {"threshold": tau})
+    assert float(term.cost(motion, world)) == pytest.approx(expected / motion.frames) and expected > 0
+
+
+def test_head_height_is_hsi_1() -> None:
+    motion, h = wandering(frames=8), (1.3, 1.0, 1.5)
+    y = [frame[HEAD][1] for frame in rows(motion)]
+    expected = 2 * (y[4] - h[1]) ** 2 + (y[0] - h[0]) ** 2 + (y[7] - h[2]) ** 2
+    term = Term("head_height", {"height": list(h)})
+    assert float(term.cost(motion, context())) == pytest.approx(expected)
+    errors = [abs(y[0] - h[0]), abs(y[4] - h[1]), abs(y[7] - h[2])]
+    report = term.report(motion, context())[0]
+    assert report.worst == pytest.approx(max(errors)) and report.mean == pytest.approx(sum(errors) / 3)
+
+
+def test_barrier_is_hsi_2() -> None:
+    motion = wandering(frames=11)
+    y = motion.joints[..., 1]
+    head, left, right = y[:, HEAD].tolist(), y[:, LEFT].tolist(), y[:, RIGHT].tolist()
+    m, e = 11 // 2, 10
+    expected = (relu(1.5 - head[0]) + relu(1.5 - head[e]) + relu(head[m] - 0.5)) / 3 + (
+        relu(left[m]) + relu(right[m])
+    ) / 2
+    assert float(Term("barrier").cost(motion, context())) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("include", [False, True])
+def test_square_region_is_hsi_3(include: bool) -> None:
+    """Cropped to the valid frames, or over the padded ones as ProgMoGen has it."""
+    motion = wandering(frames=12)
+    motion = replace(motion, joints=motion.joints * 3, valid=torch.arange(12) < 9)
+    frames = rows(motion) if include else rows(motion)[:9]
+    parts = [0.0] * 4
+    for frame in frames:
+        for x, _, z in frame:
+            for i, u in enumerate((x - 1, -1 - x, z - 1, -1 - z)):
+                parts[i] += relu(u) / (len(frames) * J)
+    term = Term("square_region", {"include_padding": include})
+    assert float(term.cost(motion, context())) == pytest.approx(sum(parts) / 4)
+
+
+def test_a_beam_is_a_height_limit_over_a_region() -> None:
+    motion = wandering()
+    term = Term("height_limit", {"limit": 1.3, "joints": "head", "region": {"z": [0.3, 0.5]}})
+    found = term.residual(motion, context())[:, 0]
+    for (_, y, z), past in zip([frame[HEAD] for frame in rows(motion)], found.tolist(), strict=True):
+        assert past == pytest.approx(relu(y - 1.3) if 0.3 <= z <= 0.5 else 0.0)
+    assert 0 < int((found > 0).sum()) < motion.frames
+
+
+def test_foot_skating_reads_the_speed_of_feet_on_the_ground() -> None:
+    """A person dragged along at 1.5 m/s skates at 1.5 m/s; lifted by 10 cm, not at all."""
+    joints = standing(9) + torch.tensor([0, 0.02, 0], dtype=torch.float64)
+    dragged = joints + torch.arange(9)[:, None, None] * torch.tensor([0.045, 0, 0.06])
+    motion, world = Motion(dragged), context(x=2.5)
+    report = Term("foot_skating", {"allowed": 0.1}).report(motion, world)[0]
+    assert report.worst == pytest.approx(1.4) and report.mean == pytest.approx(1.4) and report.active_frames == 8
+    lifted = replace(motion, joints=dragged + torch.tensor([0, 0.1, 0]))
+    assert float(Term("foot_skating").cost(lifted, world)) == 0
+
+
+def test_smoothness_reads_the_acceleration() -> None:
+    time = torch.arange(9, dtype=torch.float64)[:, None, None] / 20
+    motion = Motion(standing(9) + 0.5 * 12.0 * time**2 * torch.tensor([0.6, 0.0, 0.8]))
+    report = Term("smoothness", {"limit": 10.0}).report(motion, context())[0]
+    assert report.worst == pytest.approx(2.0) and report.active_frames == 7
+
+
+def test_resting_feet_touch_the_floor_of_a_real_scene() -> None:
+    """A person whose lowest joint is at the sole's offset: contact is met, and no part is deeper than 2 cm."""
+    joints = standing(3, dtype=torch.float32) + torch.tensor([0, 0.3 + DEFAULT_BODY.sole_offset, 0])
+    motion, world = Motion(joints), Context(Scene.empty(floor=0.3), DEFAULT_BODY)
+    contact = Term("foot_contact", {"threshold": 0.001}).report(motion, world)[0]
+    assert contact.met and contact.worst == pytest.approx(0, abs=1e-5)
+    assert Term("sdf_penetration").report(motion, world)[0].met
+    sunk = replace(motion, joints=joints - torch.tensor([0, 0.1, 0]))
+    report = Term("sdf_penetration").report(sunk, world)[0]
+    assert not report.met and report.where in ("left_foot", "right_foot", "left_ankle", "right_ankle")
+    assert report.worst == pytest.approx(0.1, abs=0.02)

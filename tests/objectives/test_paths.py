@@ -1,0 +1,89 @@
+"""Following a path: distances to polylines, schedules, and that descending the cost brings a walker onto it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from objectives import Objective, Term
+from objectives.library.paths import path_distance, path_point
+from scenes.motion import Motion
+from tests.objectives.cases import context, standing
+
+BEND = [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.5, 1.0]]
+
+
+def polyline() -> torch.Tensor:
+    return torch.tensor(BEND, dtype=torch.float64)
+
+
+def test_distance_is_that_to_the_nearest_point() -> None:
+    points = 3 * torch.rand(200, 2, dtype=torch.float64) - 1
+    dense = path_point(polyline(), torch.linspace(0, 1, 4001, dtype=torch.float64))
+    exact = torch.cdist(points, dense).min(-1).values
+    found = path_distance(points, polyline())
+    far = exact > 0.1
+    assert (found <= exact + 1e-9).all() and (exact - found)[far].max() < 0.005
+
+
+def test_many_short_segments_change_little() -> None:
+    fine = path_point(polyline(), torch.linspace(0, 1, 120, dtype=torch.float64))
+    points = torch.tensor([[0.3, 0.4], [0.3, 0.7], [-0.3, 1.3], [1.2, 0.7]], dtype=torch.float64)
+    assert (path_distance(points, polyline()) - path_distance(points, fine)).abs().max() < 0.01
+
+
+def test_gradient_turns_smoothly_where_two_segments_are_equally_near() -> None:
+    """Across the bisector of the corner the gradient turns without a jump, and never exceeds length 1."""
+    offsets = torch.linspace(-0.02, 0.02, 401, dtype=torch.float64)
+    points = torch.stack([0.4 + offsets, 0.6 + offsets], dim=-1).requires_grad_()  # crosses x = 1 - z at (0.4, 0.6)
+    (gradient,) = torch.autograd.grad(path_distance(points, polyline()).sum(), points)
+    steps = (gradient[1:] - gradient[:-1]).norm(dim=-1)
+    turned = (gradient[-1] - gradient[0]).norm()
+    assert turned > 1.0 and steps.max() < 0.05 * turned
+    assert gradient.norm(dim=-1).max() < 1.0 + 0.02
+
+
+def test_points_at_shares_of_the_length() -> None:
+    shares = torch.tensor([0, 0.2, 0.4, 0.8, 1.0], dtype=torch.float64)
+    expected = [[0, 0], [0, 0.5], [0, 1], [1, 1], [1.5, 1]]
+    assert torch.allclose(path_point(polyline(), shares), torch.tensor(expected, dtype=torch.float64))
+
+
+def walker(route: torch.Tensor, t0: float = 0.0) -> Motion:
+    """A standing person moved so that the pelvis is at `route` [T, 2]."""
+    joints = standing(len(route))
+    move = torch.zeros(len(route), 1, 3, dtype=torch.float64)
+    move[:, 0, ::2] = route - joints[:, 0, ::2]
+    return Motion(joints + move, t0=t0)
+
+
+def test_on_schedule_costs_nothing_and_waiting_does() -> None:
+    path = [[x, 5.0, z] for x, z in BEND]  # heights are not used
+    term = Term("follow_path", {"path": path, "begin": 1.0, "end": 3.0, "lag": 0.2, "half_width": 0.1})
+    on_time = walker(path_point(polyline(), torch.linspace(0, 1, 41, dtype=torch.float64)), t0=1.0)
+    assert float(term.cost(on_time, context())) == 0
+    waiting = walker(polyline()[:1].expand(41, 2), t0=1.0)
+    report = term.report(waiting, context())[0]
+    assert report.where == "pelvis (schedule)" and report.when == pytest.approx(3.0)
+    assert report.worst == pytest.approx(math.hypot(1.5, 1.0) - 0.2)
+
+
+def test_descending_brings_a_walker_into_the_corridor() -> None:
+    """A straight walk across the corner's inside is pushed around it, and arrives."""
+    term = Term("follow_path", {"path": BEND, "half_width": 0.1, "begin": 0.0, "end": 2.0, "lag": 0.1})
+    start = walker(torch.lerp(polyline()[:1], polyline()[-1:], torch.linspace(0, 1, 41, dtype=torch.float64)[:, None]))
+    moves = torch.zeros(41, 1, 3, dtype=torch.float64, requires_grad=True)
+    objective, optimizer = Objective((term,)), torch.optim.LBFGS([moves], max_iter=60, line_search_fn="strong_wolfe")
+
+    def closure() -> torch.Tensor:
+        optimizer.zero_grad()
+        cost = objective.cost(Motion(start.joints + moves), context())
+        cost.backward()
+        return cost
+
+    before = float(closure())
+    optimizer.step(closure)
+    report = objective.report(Motion((start.joints + moves).detach()), context())[0][0]
+    assert before > 0.1 and report.worst < 0.01
