@@ -144,9 +144,7 @@ class MSCoT:
         logits = untold + self.sampling.cfg * (told - untold)
         return (logits / self.sampling.temperature).log_softmax(-1)
 
-    def _tilted(
-        self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide
-    ) -> Float[Tensor, "S L_k V"]:
+    def _tilted(self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide) -> Float[Tensor, "S L_k V"]:
         """First-order posterior of scale k (Eq. 9 to 11)."""
         codes = self.quantiser.codes(k)
         mean = prior.exp() @ codes
@@ -203,4 +201,3 @@ def _sample(logits: Float[Tensor, "S L V"], top_p: float, draw: torch.Generator)
     ordered = ordered.masked_fill(outside, 0.0)
     picks = torch.multinomial(ordered.flatten(0, 1), 1, generator=draw).unflatten(0, logits.shape[:2])
     return index.gather(-1, picks).squeeze(-1)
-

@@ -1,4 +1,4 @@
-"""Sizes of the networks: `paper` has the published ones, `compact` is what ships."""
+"""Sizes of the networks; the defaults are the published ones (appendix B.2)."""
 
 from __future__ import annotations
 
@@ -77,22 +77,3 @@ class ModelConfig(BaseModel):
     tokenizer: TokenizerConfig
     transformer: TransformerConfig
     refiner: RefinerConfig
-
-
-PAPER = ModelConfig(
-    name="paper",
-    text="clip",
-    tokenizer=TokenizerConfig(),
-    transformer=TransformerConfig(),
-    refiner=RefinerConfig(),
-)
-
-COMPACT = ModelConfig(
-    name="compact",
-    text="minilm",
-    tokenizer=TokenizerConfig(width=128, code_dim=128, codes=512, down="area"),
-    transformer=TransformerConfig(width=192, text_dim=384, prefix="cumulative"),
-    refiner=RefinerConfig(width=128),
-)
-
-CONFIGS = {"paper": PAPER, "compact": COMPACT}

@@ -225,7 +225,7 @@ class Quantiser(nn.Module):
 
     @torch.no_grad()
     def update_codebook(self, decay: float, revive_below: float) -> None:
-        """Moving-average update of codes and gains; codes used less than `revive_below` times a step restart on data."""
+        """Moving averages of codes and gains; codes used less than `revive_below` times a step restart on data."""
         seen, self._seen = self._seen, None
         if seen is None:
             return

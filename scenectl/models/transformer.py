@@ -105,7 +105,12 @@ class ScaleTransformer(nn.Module):
         return TextFeatures(sentence, words, torch.where(drop[:, None], first, prompt.mask))
 
     def inputs(
-        self, quantiser: Quantiser, prompt: TextFeatures, embeddings: list[Float[Tensor, "B L_k d"]], k: int, finest: int
+        self,
+        quantiser: Quantiser,
+        prompt: TextFeatures,
+        embeddings: list[Float[Tensor, "B L_k d"]],
+        k: int,
+        finest: int,
     ) -> Float[Tensor, "B L_k C"]:
         """Input tokens of scale k: the text for the first, what came before for the others."""
         length = quantiser.lengths(finest)[k]

@@ -1,0 +1,1 @@
+"""Training: recipes, stages, and the loop under them. Nothing else imports it."""

@@ -21,7 +21,7 @@ from scenectl.data.corpus import Clip, load_motions
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenes.errors import UserError
 
-_FORMAT = 3
+_FORMAT = 4
 """Raised whenever prepared data must be made again."""
 
 
@@ -36,6 +36,8 @@ class Windows:
         groups: kind of motion of each clip, for balancing and reports.
         sources: data set of each clip.
         ids: names of the clips.
+        licences: terms of each clip.
+        commercial: whether each clip's terms allow commercial use.
     """
 
     features: Float[Tensor, "N 263"]
@@ -44,6 +46,8 @@ class Windows:
     groups: list[str]
     sources: list[str]
     ids: list[str]
+    licences: list[str]
+    commercial: list[bool]
 
     @property
     def lengths(self) -> Int[Tensor, " C"]:
@@ -61,6 +65,14 @@ class Windows:
         for group in GROUPS:
             std[group] = std[group].mean()
         return mean, std
+
+    def terms(self) -> tuple[str, list[str]]:
+        """Licence of weights trained on these clips, and the terms of each source."""
+        licence = "commercial use allowed, see the terms of the sources"
+        if not all(self.commercial):
+            licence = "non-commercial use only (part of the training data is CC BY-NC 4.0 or of unstated origin)"
+        pairs = sorted(set(zip(self.sources, self.licences, strict=True)))
+        return licence, [f"{source}: {terms}" for source, terms in pairs]
 
     def draw(self, length: int, batch: int, generator: torch.Generator) -> tuple[Tensor, Int[Tensor, " B"]]:
         """Random windows ``[B, length, 263]`` of clips that are long enough, and the clips' indices.
@@ -91,7 +103,14 @@ def _group(clip: Clip) -> str:
     return f"{clip.source}: {clip.label}" if clip.source == "bandai" else clip.source
 
 
-def prepare(folder: Path, splits: Sequence[str], augmentation: Augmentation | None, cache: Path, seed: int) -> Windows:
+def prepare(
+    folder: Path,
+    splits: Sequence[str],
+    augmentation: Augmentation | None,
+    cache: Path,
+    seed: int,
+    commercial_only: bool = False,
+) -> Windows:
     """Load, augment and convert a motion folder; kept under `cache` so that a resumed run starts at once."""
     stamp = (folder / "motions_20fps.npz").stat() if (folder / "motions_20fps.npz").is_file() else None
     key = json.dumps(
@@ -102,11 +121,12 @@ def prepare(folder: Path, splits: Sequence[str], augmentation: Augmentation | No
             sorted(splits),
             augmentation and augmentation.model_dump(),
             seed,
+            commercial_only,
         ]
     )
     path = cache / f"windows-{hashlib.sha256(key.encode()).hexdigest()[:16]}.safetensors"
     if not path.is_file():
-        clips = load_motions(folder, splits)
+        clips = [c for c in load_motions(folder, splits) if c.commercial_ok or not commercial_only]
         if augmentation is not None:
             clips = augmented(clips, augmentation, seed)
         _store([clip for clip in clips if clip.frames >= 5 and clip.captions], path)
@@ -120,6 +140,8 @@ def _store(clips: Sequence[Clip], path: Path) -> None:
         "groups": [_group(clip) for clip in clips],
         "sources": [clip.source for clip in clips],
         "ids": [clip.id for clip in clips],
+        "licences": [clip.licence for clip in clips],
+        "commercial": [clip.commercial_ok for clip in clips],
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(".tmp")

@@ -177,11 +177,13 @@ class Loop:
                 "delete the folder to start afresh"
             ) from error
         for i, parameter in enumerate(self.parameters):
-            moments = {k: tensors[f"moment.{i}.{k}"] for k in ("step", "exp_avg", "exp_avg_sq")
-                       if f"moment.{i}.{k}" in tensors}
+            moments = {
+                k: tensors[f"moment.{i}.{k}"] for k in ("step", "exp_avg", "exp_avg_sq") if f"moment.{i}.{k}" in tensors
+            }
             if moments:
                 self.optimiser.state[parameter] = moments
         self.iteration, self.seconds = int(about["iteration"]), float(about["seconds"])
         if (self.folder / "curve.json").is_file():
-            self.curve = [p for p in json.loads((self.folder / "curve.json").read_text())
-                          if p["iteration"] <= self.iteration]
+            self.curve = [
+                p for p in json.loads((self.folder / "curve.json").read_text()) if p["iteration"] <= self.iteration
+            ]

@@ -1,0 +1,146 @@
+"""What `scenectl train` does: stages in order, each in its own folder, then weights and a model card."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import torch
+from torch import nn
+
+from scenectl.models.bundle import PARTS, build
+from scenectl.models.checkpoint import save_weights
+from scenectl.models.tokenizer import Tokenizer
+from scenectl.text import TextEncoder, load_text_encoder
+from scenectl.training.card import write_card
+from scenectl.training.dataset import Windows, census, prepare
+from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.recipe import Recipe, load_recipe
+from scenectl.training.refiner import train_refiner
+from scenectl.training.tokenizer import reconstruction_error, train_tokenizer
+from scenectl.training.transformer import cross_entropy_by_scale, train_transformer
+from scenes.errors import UserError
+
+Stage = Literal["all", "tokenizer", "refiner", "transformer", "export"]
+STAGES: tuple[Stage, ...] = ("tokenizer", "refiner", "transformer", "export")
+
+
+def train(
+    stage: Stage,
+    data: str | Path,
+    config: str | Path = "compact",
+    out: str | Path = "runs/compact",
+    iterations: int | None = None,
+    text: str | None = None,
+    threads: int | None = None,
+) -> Path:
+    """Train one stage, or all of them, and export weights.
+
+    A stage goes on where it was killed. Stages need the ones before them in `out`.
+
+    Args:
+        stage: "tokenizer", "refiner", "transformer", "export" (weights and model card), or "all".
+        data: folder of the motion collection.
+        config: name of a bundled recipe, or a TOML file.
+        out: folder of the run; a stage's state lies in a folder of its own inside.
+        iterations: instead of the recipe's, for a single stage.
+        text: text encoder instead of the recipe's (a folder with CLIP, say).
+        threads: CPU threads; torch's choice by default.
+
+    Returns:
+        The folder of the run, whose `weights/` holds what `load_generator` reads.
+    """
+    recipe, out = load_recipe(config), Path(out)
+    if stage == "all" and iterations is not None:
+        raise UserError("iterations can be given for a single stage only; name it instead of 'all'")
+    if threads is not None:
+        torch.set_num_threads(threads)
+    run = _Run(recipe, Path(data), out, iterations, text)
+    for each in STAGES if stage == "all" else (stage,):
+        getattr(run, str(each))()
+    return out
+
+
+class _Run:
+    """One recipe on one data folder; stages are its methods."""
+
+    def __init__(self, recipe: Recipe, data: Path, out: Path, iterations: int | None, text: str | None) -> None:
+        self.recipe, self.data_folder, self.out, self.iterations = recipe, data, out, iterations
+        self.text_name = text or recipe.model.text
+
+    def windows(self, splits: Sequence[str], augmented: bool) -> Windows:
+        augmentation = self.recipe.augmentation if augmented else None
+        cache = self.out / "data"
+        return prepare(self.data_folder, splits, augmentation, cache, self.recipe.seed, self.recipe.commercial_only)
+
+    def encoder(self) -> TextEncoder:
+        return load_text_encoder(self.text_name)
+
+    def tokenizer(self) -> None:
+        """Train the VQ-VAE."""
+        recipe = self.recipe
+        settings = recipe.tokenizer.model_copy(update={"loop": self._loop(recipe.tokenizer.loop)})
+        train_tokenizer(
+            recipe.model.tokenizer, settings, self.windows(["train"], True), self.out / "tokenizer", recipe.seed
+        )
+
+    def refiner(self) -> None:
+        """Train the token refiner on the finished tokenizer."""
+        recipe = self.recipe
+        settings = recipe.refiner.model_copy(update={"loop": self._loop(recipe.refiner.loop)})
+        tokenizer = self.trained()[0]
+        train_refiner(
+            recipe.model.refiner, tokenizer, settings, self.windows(["train"], True), self.out / "refiner", recipe.seed
+        )
+
+    def transformer(self) -> None:
+        """Train the scale-wise transformer on the finished tokenizer."""
+        recipe = self.recipe
+        settings = recipe.transformer.model_copy(update={"loop": self._loop(recipe.transformer.loop)})
+        data = self.windows(["train"], True)
+        tokenizer, folder = self.trained()[0], self.out / "transformer"
+        train_transformer(recipe.model.transformer, tokenizer, self.encoder(), settings, data, folder, recipe.seed)
+
+    def _loop(self, settings: LoopSettings) -> LoopSettings:
+        return settings if self.iterations is None else settings.model_copy(update={"iterations": self.iterations})
+
+    def trained(self, upto: int = 1) -> list[nn.Module]:
+        """The averaged weights of the first `upto` stages' networks."""
+        modules: list[nn.Module] = list(build(self.recipe.model))
+        for part, module in list(zip(PARTS, modules, strict=True))[:upto]:
+            self._read(part, module)
+        return modules[:upto]
+
+    def _read(self, part: str, module: nn.Module) -> Loop:
+        folder = self.out / part
+        if not (folder / "state.safetensors").is_file():
+            raise UserError(f"'{folder}' holds no trained {part}; train that stage first")
+        settings: LoopSettings = getattr(self.recipe, part).loop
+        loop = Loop(module, settings, folder, self.recipe.seed)
+        module.load_state_dict(loop.averaged.state_dict())
+        module.eval()
+        return loop
+
+    def export(self) -> None:
+        """Write the averaged weights in half precision, and the model card."""
+        networks = build(self.recipe.model)
+        loops = {part: self._read(part, module) for part, module in zip(PARTS, networks, strict=True)}
+        tokenizer, transformer, _ = networks
+        windows, test = self.windows(["train"], True), self.windows(["test"], False)
+        config = self.recipe.model.model_copy(update={"text": self.text_name})
+        licence, credits = windows.terms()
+        about = {"config": config.model_dump(mode="json"), "licence": licence, "credits": credits}
+        folder = self.out / "weights"
+        for part, module in zip(PARTS, networks, strict=True):
+            save_weights(module, folder / f"{part}.safetensors", {**about, "part": part}, half=True)
+        metrics = {
+            "reconstruction": {str(n): _reconstruction(tokenizer, test, n) for n in (64, 128, 196)},
+            "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, self.encoder(), test),
+        }
+        write_card(folder, self.recipe, loops, census(windows), windows.hours, (licence, credits), metrics)
+
+
+def _reconstruction(tokenizer: Tokenizer, test: Windows, frames: int) -> dict[str, dict[str, float]]:
+    return reconstruction_error(tokenizer, test, frames)
