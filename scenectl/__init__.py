@@ -1,3 +1,72 @@
-"""How it is reached: generators, guidance, refinement, tasks, benchmarks, viewer and command line."""
+"""How it is reached: generators, guidance, refinement, tasks, benchmarks, viewer and command line.
+
+``import scenectl as sc`` gives what most users need; each name is imported when it is first used, so that
+``import scenectl`` itself loads neither torch nor VTK.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "Box": "scenes.primitives",
+    "Capsule": "scenes.primitives",
+    "Context": "objectives",
+    "Cylinder": "scenes.primitives",
+    "Mesh": "scenes.mesh",
+    "Motion": "scenes.motion",
+    "Objective": "objectives",
+    "ObjectiveGuide": "scenectl.control",
+    "Plane": "scenes.primitives",
+    "Pose2D": "scenes.motion",
+    "ProxyBody": "scenes.body",
+    "Result": "scenectl.run",
+    "Scene": "scenes.scene",
+    "Sphere": "scenes.primitives",
+    "Task": "scenectl.task",
+    "Term": "objectives",
+    "UserError": "scenes.errors",
+    "Waypoints": "scenes.primitives",
+    "bundled": "scenes.scene",
+    "csg": "scenes.primitives",
+    "free_area": "scenes.floor",
+    "goal": "objectives",
+    "goals": "objectives",
+    "load_generator": "scenectl.generators",
+    "load_mesh": "scenes.mesh",
+    "load_scene": "scenes.scene",
+    "load_task": "scenectl.task",
+    "run": "scenectl.run",
+    "score": "scenectl.run",
+}
+
+__all__ = ["__version__", *sorted(_HOME)]  # noqa: PLE0604  # the names live in _HOME
+
+if TYPE_CHECKING:
+    from objectives import Context, Objective, Term, goal, goals
+    from scenectl.control import ObjectiveGuide
+    from scenectl.generators import load_generator
+    from scenectl.run import Result, run, score
+    from scenectl.task import Task, load_task
+    from scenes.body import ProxyBody
+    from scenes.errors import UserError
+    from scenes.floor import free_area
+    from scenes.mesh import Mesh, load_mesh
+    from scenes.motion import Motion, Pose2D
+    from scenes.primitives import Box, Capsule, Cylinder, Plane, Sphere, Waypoints, csg
+    from scenes.scene import Scene, bundled, load_scene
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'scenectl' has no attribute '{name}'")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})

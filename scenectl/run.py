@@ -1,0 +1,288 @@
+"""From a task to files: generate under guidance, rank, measure, report.
+
+`run` makes motions for a task, `score` looks at a finished one with the same eyes, and `Result.save` writes
+`motion.npz`, `report.json` and `preview.png`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+import scenectl
+from objectives import TermReport
+from scenectl.control import ObjectiveGuide
+from scenectl.generators.base import Generation, Generator, Progress
+from scenectl.metrics import Scorer, measure
+from scenectl.task import FPS, Problem, Task, start_of
+from scenes.errors import UserError
+from scenes.files import atomic_write
+from scenes.floor import path_length
+from scenes.motion import Motion
+
+FORMAT = 1
+"""Version of report.json."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One motion of a result.
+
+    Attributes:
+        index: which of the generator's samples it was.
+        cost: of the objective.
+        terms: how well each goal is met.
+        metrics: see `scenectl.metrics.measure`.
+        unrefined_cost: of the objective before refinement, or None.
+    """
+
+    index: int
+    cost: float
+    terms: list[TermReport]
+    metrics: dict[str, float | str | None]
+    unrefined_cost: float | None = None
+
+    @property
+    def met(self) -> bool:
+        """Every goal is met within its tolerance."""
+        return all(term.met for term in self.terms)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run made, the best sample first.
+
+    Attributes:
+        problem: the task as it was planned.
+        motion: world coordinates, ``[S, T, J, 3]`` metres.
+        samples: a row for each motion, in the same order.
+        report: everything that report.json holds.
+    """
+
+    problem: Problem
+    motion: Motion
+    samples: list[Sample]
+    report: dict[str, Any] = field(repr=False)
+
+    def save(self, folder: str | Path, preview: bool = True) -> Path:
+        """Write `motion.npz`, `report.json` and, where pictures can be drawn, `preview.png`.
+
+        Each file is whole or absent. Returns the folder; raises UserError when it cannot be written.
+        """
+        folder = Path(folder)
+        self.motion.save(folder / "motion.npz", seed=int(self.report["seed"]), unit="m")
+        with atomic_write(folder / "report.json", "w") as file:
+            json.dump(self.report, file, indent=1, allow_nan=False)
+        if preview:
+            from scenectl.view import draw_result  # VTK takes a second to import
+
+            draw_result(self, folder / "preview.png")
+        return folder
+
+
+def run(
+    task: Task,
+    samples: int | None = None,
+    seed: int | None = None,
+    generator: Generator | None = None,
+    progress: Progress | None = None,
+    problem: Problem | None = None,
+) -> Result:
+    """Make motions for a task, ranked by the objective's cost.
+
+    Args:
+        task: from `load_task` or built in Python.
+        samples, seed: instead of the task's own.
+        generator: instead of loading the one that the task names; benches reuse one.
+        progress: called with what is being done and the fraction done.
+        problem: the task already built (with the same seed), so that a scene is read once.
+    """
+    seed = task.seed if seed is None else seed
+    samples = task.samples if samples is None else samples
+    tell = progress or _silent
+    clock = _Clock()
+    tell("reading the scene and planning", 0.0)
+    problem = task.build(seed) if problem is None else problem
+    clock.lap("plan_s")
+    tell("loading the generator", 0.0)
+    generator = load_task_generator(task) if generator is None else generator
+    clock.lap("load_s")
+    guide = ObjectiveGuide(problem.objective, problem.context, task.solver, task.guidance, progress)
+    made = generator.generate(
+        task.prompt,
+        problem.seconds,
+        problem.start,
+        guide if problem.objective.counted else None,
+        samples,
+        seed,
+        progress,
+    )
+    clock.lap("generate_s")
+    tell("measuring", 0.0)
+    motion, rows = _ranked(made, problem, tell)
+    clock.lap("measure_s")
+    facts = {
+        "seed": seed,
+        "generator": {"name": generator.name, "licence": generator.licence, "trace": _json(made.trace)},
+        "timing": clock.laps,
+    }
+    return Result(problem, motion, rows, {**_report(problem, rows), **facts})
+
+
+def score(motion: Motion, task: Task, progress: Progress | None = None) -> Result:
+    """Report on finished motions, ``[T, J, 3]`` or ``[S, T, J, 3]``, ranked as `run` ranks them.
+
+    The start is taken from the first motion's first frame, so that a walk is planned from where it began.
+    """
+    tell = progress or _silent
+    tell("reading the scene and planning", 0.0)
+    batch = motion if motion.joints.ndim == 4 else replace(motion, joints=motion.joints[None], valid=motion.valid[None])
+    problem = task.build(start=start_of(batch[0]))
+    made, rows = _ranked(Generation(batch), problem, tell)
+    return Result(problem, made, rows, {**_report(problem, rows), "seed": task.seed, "generator": None, "timing": {}})
+
+
+def load_task_generator(task: Task) -> Generator:
+    """The generator that a task names, with its weights."""
+    from scenectl.generators import load_generator
+
+    spec = task.generator
+    return load_generator(spec.name, spec.weights, threads=spec.threads)
+
+
+def allow_code(path: str | Path) -> list[str]:
+    """Run a Python file whose `@goal` functions shall be known to tasks; returns the names it added.
+
+    The only way in which scenectl runs a user's code: task files are data.
+    """
+    from objectives import goals
+
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"code file '{path}' does not exist")
+    before = {spec.name for spec in goals()}
+    spec = importlib.util.spec_from_file_location(f"scenectl_allowed_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise UserError(f"code file '{path}' is not a Python file")
+    try:
+        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+    except UserError as error:
+        raise UserError(f"code file '{path}': {error}") from error
+    except Exception as error:
+        raise UserError(f"code file '{path}' failed: {type(error).__name__}: {error}") from error
+    return sorted({spec.name for spec in goals()} - before)
+
+
+def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
+    """Motions ``[S, T, J, 3]`` and report of a folder that `run` wrote; raises UserError for anything else."""
+    folder = Path(folder)
+    motion = Motion.load(folder / "motion.npz")
+    try:
+        report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UserError(f"'{folder / 'report.json'}' cannot be read ({error}); run the task again") from error
+    if not isinstance(report, dict) or report.get("format") != FORMAT:
+        raise UserError(f"'{folder / 'report.json'}' is not a report of this version of scenectl; run the task again")
+    return motion, report
+
+
+def _ranked(made: Generation, problem: Problem, tell: Progress) -> tuple[Motion, list[Sample]]:
+    """Motions and their rows, the least cost first; a cost that is not a number comes last."""
+    objective, context = problem.objective, problem.context
+    with torch.no_grad():
+        costs = objective.cost(made.motion, context)
+        before = None if made.unrefined is None else objective.cost(made.unrefined, context)
+    order = torch.argsort(costs.nan_to_num(nan=torch.inf)).tolist()
+    terms = objective.report(made.motion, context)
+    scorer = Scorer(problem.scene, problem.body)
+    rows = []
+    for done, index in enumerate(order):
+        figures = measure(made.motion[index], scorer)
+        rows.append(Sample(index, _number(costs[index]), terms[index], figures, _before(before, index)))
+        tell("measuring", (done + 1) / len(order))
+    return replace(made.motion, joints=made.motion.joints[order], valid=made.motion.valid[order]), rows
+
+
+def _before(costs: Float[Tensor, " S"] | None, index: int) -> float | None:
+    return None if costs is None else _number(costs[index])
+
+
+def _report(problem: Problem, rows: list[Sample]) -> dict[str, Any]:
+    """What happened, for JSON: metres, seconds and radians throughout."""
+    scene, body, path = problem.scene, problem.body, problem.path
+    return {
+        "format": FORMAT,
+        "scenectl": scenectl.__version__,
+        "prompt": problem.task.prompt,
+        "seconds": problem.seconds,
+        "fps": FPS,
+        "start": {"position": list(problem.start.position), "heading": problem.start.heading},
+        "walk": None if path is None else {"path": _json(path.round(4)), "length_m": path_length(path)},
+        "scene": {
+            "name": scene.name,
+            "digest": scene.digest,
+            "floor_m": scene.floor.height,
+            "floor_found": scene.floor.found,
+            "bake": scene.report(),
+        },
+        "body": {"source": body.source, "sole_offset_m": body.sole_offset, "radii": body.table()},
+        "samples": [_row(rank, row) for rank, row in enumerate(rows)],
+        "task": _json(problem.task.dump()),
+    }
+
+
+def _row(rank: int, row: Sample) -> dict[str, Any]:
+    return {
+        "rank": rank,
+        "sample": row.index,
+        "cost": row.cost,
+        "unrefined_cost": row.unrefined_cost,
+        "met": row.met,
+        "terms": [term.as_dict() for term in row.terms],
+        "metrics": _json(row.metrics),
+    }
+
+
+def _number(value: Tensor) -> float:
+    return float(value.nan_to_num(nan=1e30, posinf=1e30))
+
+
+def _json(value: Any) -> Any:
+    """Plain JSON values; what is not finite becomes None, what JSON does not know becomes text."""
+    if isinstance(value, Tensor):
+        value = value.detach().cpu().numpy()
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): _json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json(item) for item in value]
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+class _Clock:
+    """Wall time between laps, seconds."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name] = round(now - self._last, 3)
+        self._last = now
+
+
+def _silent(what: str, fraction: float) -> None:
+    """Progress for nobody."""
