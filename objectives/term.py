@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
 from objectives.context import Context
@@ -142,9 +142,7 @@ class Term:
         weights = self._spread(result.weights, residual, len(sizes), "weights").to(residual.dtype)
         chosen = self._chosen(motion).to(residual.dtype)
         mask, weights = mask & (chosen > 0)[:, None], weights * chosen[:, None]
-        widths = torch.tensor(sizes, device=residual.device)
-        wide = mask if set(sizes) == {1} else mask.repeat_interleave(widths, dim=-1)
-        residual = torch.where(wide, residual, 0.0)
+        residual = torch.where(_per_component(mask, sizes), residual, 0.0)
         labels, points = self._places(result, motion, len(sizes))
         return Evaluated(residual, _squares(residual, sizes), mask, weights, sizes, labels, points)
 
@@ -176,8 +174,7 @@ class Term:
         found = self.evaluate(motion, context)
         per_entry = least_squares_weight(self._kernel, found.square, self._delta) * found.weights
         per_entry = (per_entry * self._factor(found)[..., None, None]).sqrt()
-        widths = torch.tensor(found.sizes, device=found.residual.device)
-        rows = found.residual * per_entry.repeat_interleave(widths, dim=-1)
+        rows = found.residual * _per_component(per_entry, found.sizes)
         used = found.mask.any(-1).reshape(-1, motion.frames).any(0)
         return rows[..., used, :]
 
@@ -297,8 +294,11 @@ class Term:
         joint = self.spec.parameters["joint"].default if "joint" in self.spec.parameters else None
         joint = self.parameters.get("joint", joint)
         if result.labels or result.points is not None or entries != 1 or not isinstance(joint, str):
-            return tuple(result.labels), result.points
-        return (joint,), motion.joint(joint)[..., None, :]
+            points = None if result.points is None else result.points.detach()
+            if len(result.labels) not in (0, entries) or (points is not None and points.shape[-2] != entries):
+                raise UserError(f"{self.label}: its labels and points must be as many as its {entries} entries")
+            return tuple(result.labels), points
+        return (joint,), motion.joint(joint).detach()[..., None, :]
 
 
 _OPTIONS: dict[str, Any] = {
@@ -317,6 +317,13 @@ _OPTIONS: dict[str, Any] = {
 def _options(label: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of a term converted to their types; raises UserError for one that does not fit."""
     return {key: parse(f"{label}: '{key}'", _OPTIONS[key], value) for key, value in given.items()}
+
+
+def _per_component(per_entry: Shaped[Tensor, "*b T n"], sizes: tuple[int, ...]) -> Shaped[Tensor, "*b T k"]:
+    """What holds for each entry, stated for each of its components."""
+    if len(set(sizes)) == 1:
+        return per_entry[..., None].expand(*per_entry.shape, sizes[0]).flatten(-2)
+    return per_entry.repeat_interleave(torch.tensor(sizes, device=per_entry.device), dim=-1)
 
 
 def _squares(residual: Float[Tensor, "*b T k"], sizes: tuple[int, ...]) -> Float[Tensor, "*b T n"]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from jaxtyping import Float
+from torch import Tensor
+
 from scenes.motion import Motion
 
 Joints = str | list[str]
@@ -12,3 +15,9 @@ def chosen(joints: Joints | None, motion: Motion) -> list[str]:
     if joints is None:
         return list(motion.skeleton.names)
     return [joints] if isinstance(joints, str) else list(joints)
+
+
+def placed(joints: Joints | None, motion: Motion) -> tuple[list[str], Float[Tensor, "*b T n 3"]]:
+    """Names of the joints meant and their positions, world m; all of the skeleton's for None."""
+    names = chosen(joints, motion)
+    return names, motion.joints if joints is None else motion.select(names)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives.context import Context
-from objectives.library._joints import Joints, chosen
+from objectives.library._joints import Joints, placed
 from objectives.maths import first_middle_last, frame_mask, frames_near
 from objectives.parameters import NotNegative, Region
 from objectives.registry import Masked, goal
@@ -92,8 +92,7 @@ def height_limit(
         joints: which joints, by default all.
         region: rectangle of the floor over which the limit holds, m; by default everywhere.
     """
-    names = chosen(joints, motion)
-    points = motion.select(names)
+    names, points = placed(joints, motion)
     past = _past(points[..., 1], limit, mode)
     if region is not None:
         x, z = points[..., 0], points[..., 2]

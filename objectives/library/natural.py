@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from objectives.context import Context
-from objectives.library._joints import Joints, chosen
+from objectives.library._joints import Joints, placed
 from objectives.library.scene import foot_heights
 from objectives.maths import beyond
 from objectives.parameters import NotNegative, Positive
@@ -62,8 +62,7 @@ def smoothness(
         limit: acceleration that is free, m/s^2.
         joints: which joints, by default all.
     """
-    names = chosen(joints, motion)
-    points = motion.select(names)
+    names, points = placed(joints, motion)
     rate = motion.fps**2
     inner = (points[..., 2:, :, :] - 2 * points[..., 1:-1, :, :] + points[..., :-2, :, :]) * rate
     edge = torch.zeros_like(points[..., :1, :, :])

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives.context import Context
-from objectives.library._joints import Joints, chosen
+from objectives.library._joints import Joints, placed
 from objectives.maths import length
 from objectives.parameters import NotNegative, Point, Positive
 from objectives.registry import Masked, goal
@@ -35,8 +35,7 @@ def sphere_repulsion(
         margin: delta, the distance from the surface that shall stay free, m; the paper states no value.
         joints: which joints keep away, by default all.
     """
-    names = chosen(joints, motion)
-    points = motion.select(names)
+    names, points = placed(joints, motion)
     distance = length(points - held_position(center, motion.times)) - radius
     return Masked((margin - distance).clamp_min(0), labels=names, points=points)
 
@@ -61,8 +60,7 @@ def capsule_repulsion(
         margin: the distance from the surface that shall stay free, m.
         joints: which joints keep away, by default all.
     """
-    names = chosen(joints, motion)
-    points = motion.select(names)
+    names, points = placed(joints, motion)
     ends = held_position(a, motion.times), held_position(b, motion.times)
     distance = segment_distance(points, *ends) - radius
     return Masked((margin - distance).clamp_min(0), labels=names, points=points)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from objectives.context import Context
-from objectives.library._joints import Joints, chosen
+from objectives.library._joints import Joints, placed
 from objectives.parameters import FloorPoint, Positive
 from objectives.registry import Masked, goal
 from scenes.motion import Motion
@@ -33,9 +33,9 @@ def square_region(
         joints: which joints, by default all.
         include_padding: count padded frames as if they were motion, as ProgMoGen does.
     """
-    names = chosen(joints, motion)
-    points = motion.select(names)
+    names, points = placed(joints, motion)
     x, z = points[..., 0] - center.x, points[..., 2] - center.z
     out = torch.stack([x - half, -half - x, z - half, -half - z], dim=-1).clamp_min(0)
     sides = [f"{name} ({side})" for name in names for side in ("+x", "-x", "+z", "-z")]
-    return Masked(out.flatten(-2), labels=sides, points=points.repeat_interleave(4, dim=-2))
+    each = points.detach()[..., None, :].expand(*points.shape[:-1], 4, 3).flatten(-3, -2)
+    return Masked(out.flatten(-2), labels=sides, points=each)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch.autograd import forward_ad
 
 from objectives import Context, Masked, Objective, Term, forget, goal
 from scenes.errors import UserError
@@ -191,3 +192,20 @@ def test_a_check_bakes_nothing() -> None:
 
     world = Context(Costly(), Joints())
     Objective((Term("sdf_penetration"), Term("foot_contact"))).check(world, seconds=2.0)
+
+
+def test_rows_have_forward_derivatives() -> None:
+    """Gauss-Newton solvers push tangents through the rows: J v agrees with differences."""
+    motion, world = wandering(2), context()
+    objective = Objective((Term("sdf_penetration"), Term("joint_target", {"position": [0, 1, 0], "at": 0.2})))
+    tangent = torch.randn(motion.joints.shape, dtype=torch.float64)
+
+    def rows(joints: torch.Tensor) -> list[torch.Tensor]:
+        return objective.residuals(replace(motion, joints=joints), world)
+
+    with forward_ad.dual_level():
+        pushed = [forward_ad.unpack_dual(r).tangent for r in rows(forward_ad.make_dual(motion.joints, tangent))]
+    step = 1e-6
+    ahead, behind = rows(motion.joints + step * tangent)[1], rows(motion.joints - step * tangent)[1]
+    torch.testing.assert_close(pushed[1], (ahead - behind) / (2 * step))
+    assert torch.isfinite(pushed[0]).all()

@@ -83,7 +83,7 @@ def test_descending_brings_a_walker_into_the_corridor() -> None:
         cost.backward()
         return cost
 
-    before = float(closure())
+    before = float(closure().detach())
     optimizer.step(closure)
     report = objective.report(Motion((start.joints + moves).detach()), context())[0][0]
     assert before > 0.1 and report.worst < 0.01

@@ -136,11 +136,17 @@ def test_wrong_residuals_are_named() -> None:
     def wrong_mask(motion: Motion, context: Any) -> Masked:
         return Masked(motion.joints[..., 0, :], torch.ones(4, dtype=torch.bool))
 
+    @goal(unit="m")
+    def few_labels(motion: Motion, context: Any) -> Masked:
+        return Masked(motion.joints[..., 0, :], labels=["x", "y"])
+
     motion = wandering(2)
     with pytest.raises(UserError, match=r"'too_flat': its function returned shape \(2, 9\), expected \[2, 9, 'k'\]"):
         Term("too_flat").cost(motion, context())
     with pytest.raises(UserError, match="'odd': its 3 components do not divide"):
         Term("odd").cost(motion, context())
+    with pytest.raises(UserError, match="'few_labels': its labels and points must be as many as its 3 entries"):
+        Term("few_labels").cost(motion, context())
     with pytest.raises(UserError, match="'wrong_mask': 'active' has shape"):
         Term("wrong_mask").cost(motion, context())
 
