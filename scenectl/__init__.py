@@ -23,7 +23,7 @@ _HOME = {
     "Plane": "scenes.primitives",
     "Pose2D": "scenes.motion",
     "ProxyBody": "scenes.body",
-    "Result": "scenectl.run",
+    "Result": "scenectl.runner",
     "Scene": "scenes.scene",
     "Sphere": "scenes.primitives",
     "Task": "scenectl.task",
@@ -39,8 +39,8 @@ _HOME = {
     "load_mesh": "scenes.mesh",
     "load_scene": "scenes.scene",
     "load_task": "scenectl.task",
-    "run": "scenectl.run",
-    "score": "scenectl.run",
+    "run": "scenectl.runner",
+    "score": "scenectl.runner",
 }
 
 __all__ = ["__version__", *sorted(_HOME)]  # noqa: PLE0604  # the names live in _HOME
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from objectives import Context, Objective, Term, goal, goals
     from scenectl.control import ObjectiveGuide
     from scenectl.generators import load_generator
-    from scenectl.run import Result, run, score
+    from scenectl.runner import Result, run, score
     from scenectl.task import Task, load_task
     from scenes.body import ProxyBody
     from scenes.errors import UserError

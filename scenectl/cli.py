@@ -23,7 +23,7 @@ import scenectl
 from scenes.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
-    from scenectl.run import Result
+    from scenectl.runner import Result
     from scenes.scene import Scene
 
 app = typer.Typer(
@@ -169,7 +169,7 @@ def run(
     allow_code: AllowCode = None,
 ) -> None:
     """Make motions for a task: motion.npz, report.json and preview.png in DIR."""
-    from scenectl.run import run as make
+    from scenectl.runner import run as make
     from scenectl.task import load_task
 
     _allow(allow_code)
@@ -195,7 +195,7 @@ def score(
     allow_code: AllowCode = None,
 ) -> None:
     """Report how well finished motions meet a task."""
-    from scenectl.run import score as judge
+    from scenectl.runner import score as judge
     from scenectl.task import load_task
     from scenes.files import atomic_write
     from scenes.motion import Motion
@@ -260,7 +260,7 @@ def _literal(text: str) -> str:
 
 def _allow(path: Path | None) -> None:
     if path is not None:
-        from scenectl.run import allow_code
+        from scenectl.runner import allow_code
 
         allow_code(path)
 

@@ -148,14 +148,21 @@ class GeneratorSpec(_Table):
     Attributes:
         name: of a registered generator.
         weights: "default" for those that come with the package, or a folder or file.
-        cfg: scale of classifier-free guidance; by default the generator's own.
         threads: for its arithmetic; by default what torch chooses.
+        cfg: scale of classifier-free guidance.
+        temperature, top_p: of the draw.
+        clip_nats: largest tilt that goals may give a token's logits.
+
+    What is left out is the generator's own default.
     """
 
     name: str = "mscot"
     weights: str = "default"
-    cfg: Annotated[float, Field(ge=0)] | None = None
     threads: Annotated[int, Field(ge=1)] | None = None
+    cfg: Annotated[float, Field(ge=0)] | None = None
+    temperature: Annotated[float, Field(gt=0)] | None = None
+    top_p: Annotated[float, Field(gt=0, le=1)] | None = None
+    clip_nats: Annotated[float, Field(ge=0)] | None = None
 
 
 class Task(_Table):

@@ -156,7 +156,8 @@ def load_task_generator(task: Task) -> Generator:
     from scenectl.generators import load_generator
 
     spec = task.generator
-    return load_generator(spec.name, spec.weights, threads=spec.threads)
+    sampling = spec.model_dump(exclude={"name", "weights", "threads"}, exclude_none=True)
+    return load_generator(spec.name, spec.weights, spec.threads, **sampling)
 
 
 def allow_code(path: str | Path) -> list[str]:
