@@ -16,7 +16,7 @@ from scenes.errors import UserError, did_you_mean
 
 
 class Point(NamedTuple):
-    """A point in the world, metres, y up."""
+    """A point in the world, metres, y up. `Objective.check` compares every parameter of this type with the scene."""
 
     x: float
     y: float
