@@ -12,7 +12,7 @@ import hashlib
 import math
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -29,7 +29,8 @@ from scenes.surface import Surface
 FORMAT = 1
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
 
-FreeSpace: TypeAlias = Literal["auto", "outside"] | tuple[float, float, float]
+FreeSpace: TypeAlias = str | Sequence[float | int]
+"""`"auto"`, `"outside"`, or a point x, y, z in the air (m, world)."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class Bake:
         boundary_edges: number of unmatched edges.
         inward: the triangles face into a room.
         message: what was decided, one sentence.
+        free: space is free where the winding number lies between these two.
     """
 
     grid: SdfGrid
@@ -84,6 +86,7 @@ class Bake:
     boundary_edges: int
     inward: bool
     message: str
+    free: tuple[float, float] = (-0.5, 0.5)
 
 
 def default_cache() -> Path:
@@ -98,7 +101,7 @@ def default_cache() -> Path:
 def bake(
     mesh: Mesh,
     resolution: int = 256,
-    padding: float = 0.1,
+    padding: float | int = 0.1,
     free_space: FreeSpace = "auto",
     cache: Path | Literal["default"] | None = "default",
 ) -> Bake:
@@ -117,11 +120,10 @@ def bake(
         UserError: resolution or padding out of range, an unknown rule, a mesh without area, or a seed point outside
             the padded bounds or on a surface.
     """
-    if isinstance(resolution, bool) or not isinstance(resolution, int) or not 8 <= resolution <= 512:
-        raise UserError(f"bake resolution is {resolution}; give a whole number of nodes from 8 to 512")
+    check_resolution(resolution)
     if not (math.isfinite(padding) and 0 <= padding <= 100):
         raise UserError(f"bake padding is {padding} m; give 0 to 100 m")
-    free_space = _checked(free_space)
+    free_space = check_free_space(free_space)
     folder = default_cache() if cache == "default" else cache
     key = _key(mesh, resolution, padding, free_space)
     path = None if folder is None else Path(folder) / f"{key}.npz"
@@ -137,7 +139,9 @@ def bake(
     distance = _unsigned(surface, lattice)
     distance[~_free(surface, rule, lattice, distance)] *= -1
     grid = SdfGrid(torch.from_numpy(distance), torch.from_numpy(origin), spacing, rule.beyond)
-    result = Bake(grid, rule.name, surface.closed, surface.boundary_edges, rule.inward, rule.message)
+    result = Bake(
+        grid, rule.name, surface.closed, surface.boundary_edges, rule.inward, rule.message, (rule.low, rule.high)
+    )
     if path is not None:
         _store(path, key, result)
     return result
@@ -186,7 +190,7 @@ def _outside(surface: Surface, message: str) -> Rule:
     return Rule("outside", -math.inf, 0.5, f"{message} and only what has winding number over 0.5 is solid")
 
 
-def _from_seed(surface: Surface, seed: tuple[float, float, float], bounds: np.ndarray, name: str, kind: str) -> Rule:
+def _from_seed(surface: Surface, seed: Sequence[float], bounds: np.ndarray, name: str, kind: str) -> Rule:
     point = np.array([seed])
     text = f"({seed[0]:g}, {seed[1]:g}, {seed[2]:g})"
     if (point < bounds[0]).any() or (point > bounds[1]).any():
@@ -221,12 +225,19 @@ def _winding_in_front(surface: Surface, samples: int = 2000) -> float:
     return float(np.median(surface.winding_fast(points + surface.centre)))
 
 
-def _checked(free_space: Any) -> FreeSpace:
+def check_resolution(resolution: int) -> None:
+    """Raise UserError unless `resolution` is a whole number of nodes from 8 to 512."""
+    if isinstance(resolution, bool) or not isinstance(resolution, int) or not 8 <= resolution <= 512:
+        raise UserError(f"bake resolution is {resolution}; give a whole number of nodes from 8 to 512")
+
+
+def check_free_space(free_space: Any) -> FreeSpace:
+    """The rule as given, a point as a tuple of floats; raises UserError for anything that is no rule."""
     if isinstance(free_space, str):
         if free_space not in ("auto", "outside"):
             hint = did_you_mean(free_space, ("auto", "outside"))
             raise UserError(f"unknown free-space rule '{free_space}'{hint}, or give a point [x, y, z] in the air")
-        return free_space  # type: ignore[return-value]  # one of the two literals
+        return free_space
     try:
         x, y, z = (float(number) for number in free_space)
     except (TypeError, ValueError) as error:
@@ -336,6 +347,7 @@ def _store(path: Path, key: str, result: Bake) -> None:
         "closed": np.array(result.closed),
         "inward": np.array(result.inward),
         "boundary_edges": np.array(result.boundary_edges),
+        "free": np.array(result.free),
     }
     try:
         with atomic_write(path) as file:
@@ -357,6 +369,7 @@ def _load(path: Path, key: str) -> Bake | None:
                 boundary_edges=int(data["boundary_edges"]),
                 inward=bool(data["inward"]),
                 message=str(data["message"]),
+                free=(float(data["free"][0]), float(data["free"][1])),
             )
     except Exception:  # zipfile, numpy and our own checks raise many kinds; all mean "bake it again"
         return None

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
@@ -124,15 +123,32 @@ class _Trilinear(torch.autograd.Function):
         flat = points.detach().reshape(-1, 3)
         value, gradient = _interpolate(flat, values, grid, with_gradient=points.requires_grad)
         if gradient is not None:
-            ctx.save_for_backward(gradient)
+            ctx.save_for_backward(points, gradient)
         return value.reshape(points.shape[:-1])
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None, None]:
-        (gradient,) = ctx.saved_tensors
-        scaled = gradient * grad_output.reshape(-1, 1)
-        return scaled.reshape(*grad_output.shape, 3), None, None
+        points, gradient = ctx.saved_tensors
+        return _Scaled.apply(points, gradient, grad_output), None, None  # type: ignore[no-untyped-call]
+
+
+class _Scaled(torch.autograd.Function):
+    """The first derivative, which refuses a second.
+
+    torch's `once_differentiable` only refuses where the incoming gradient is itself differentiable, and otherwise
+    treats the first derivative as a constant without a word.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, points: Tensor, gradient: Tensor, grad_output: Tensor) -> Tensor:
+        return (gradient * grad_output.reshape(-1, 1)).reshape(points.shape)
+
+    @staticmethod
+    def backward(ctx: Any, *grad_outputs: Tensor) -> None:
+        raise RuntimeError(
+            "the gradient of SdfGrid.distance cannot be differentiated again: the interpolant has no second derivative "
+            "across voxel faces; detach it, or use a solver that needs first derivatives only"
+        )
 
 
 def _interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:

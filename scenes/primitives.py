@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from functools import reduce
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -16,20 +16,32 @@ from torch import Tensor
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh import Mesh
 
-Vector: TypeAlias = tuple[float, float, float]
+Number: TypeAlias = float | int
+Vector: TypeAlias = Sequence[Number]
+"""Three numbers x, y, z; stored as a tuple of floats."""
 
 
-def _vector(value: Sequence[float], what: str) -> Vector:
-    numbers = tuple(float(number) for number in value)
-    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
-        raise UserError(f"{what} is {list(value)}; give three finite numbers x, y, z in metres")
-    return numbers[0], numbers[1], numbers[2]
+def _vector(value: Any, what: str) -> tuple[float, float, float]:
+    """Whatever was given as a point; it may come straight from a task file."""
+    try:
+        x, y, z = (float(number) for number in value)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{what} is {value!r}; give three numbers x, y, z in metres") from error
+    if not all(math.isfinite(number) for number in (x, y, z)):
+        raise UserError(f"{what} is {value!r}; give three finite numbers x, y, z in metres")
+    return x, y, z
 
 
-def _positive(value: float, what: str) -> float:
-    if not (math.isfinite(value) and value > 0):
-        raise UserError(f"{what} is {value}; give a positive number of metres")
+def _number(value: Any, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise UserError(f"{what} is {value!r}; give a finite number")
     return float(value)
+
+
+def _positive(value: Any, what: str) -> float:
+    if (number := _number(value, what)) <= 0:
+        raise UserError(f"{what} is {value}; give a positive number of metres")
+    return number
 
 
 @dataclass(frozen=True)
@@ -41,16 +53,16 @@ class Waypoints:
         positions: metres, world, ``[K, 3]``.
     """
 
-    times: tuple[float, ...]
-    positions: tuple[Vector, ...]
+    times: Sequence[Number]
+    positions: Sequence[Vector]
 
     def __post_init__(self) -> None:
-        times = tuple(float(time) for time in self.times)
+        times = tuple(_number(time, f"waypoint time {i}") for i, time in enumerate(self.times))
         positions = tuple(_vector(p, f"waypoint {i}") for i, p in enumerate(self.positions))
         if len(times) == 0 or len(times) != len(positions):
             raise UserError(f"waypoints have {len(times)} times and {len(positions)} positions; give as many of each")
-        if not all(math.isfinite(t) for t in times) or any(b <= a for a, b in zip(times, times[1:], strict=False)):
-            raise UserError(f"waypoint times are {list(times)}; give finite seconds, each later than the one before")
+        if any(b <= a for a, b in zip(times, times[1:], strict=False)):
+            raise UserError(f"waypoint times are {list(times)}; give seconds, each later than the one before")
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "positions", positions)
 
@@ -81,13 +93,14 @@ class Box:
 
     center: Vector
     size: Vector
-    yaw: float = 0.0
+    yaw: Number = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", _vector(self.center, "box center"))
         object.__setattr__(self, "size", _vector(self.size, "box size"))
         for length in self.size:
             _positive(length, "box size")
+        object.__setattr__(self, "yaw", _number(self.yaw, "box yaw"))
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive outside) at `points` (m); `time` is ignored, a box does not move."""
@@ -115,7 +128,7 @@ class Sphere:
     """
 
     center: Vector
-    radius: float
+    radius: Number
     motion: Waypoints | None = None
 
     def __post_init__(self) -> None:
@@ -152,7 +165,7 @@ class Capsule:
 
     a: Vector
     b: Vector
-    radius: float
+    radius: Number
     motion: Waypoints | None = None
 
     def __post_init__(self) -> None:
@@ -200,8 +213,8 @@ class Cylinder:
     """
 
     center: Vector
-    radius: float
-    height: float
+    radius: Number
+    height: Number
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", _vector(self.center, "cylinder center"))
@@ -285,19 +298,29 @@ def primitive(shape: str, **parameters: Any) -> Primitive:
     for name in parameters:
         if name not in known:
             raise UserError(f"primitive '{shape}': unknown parameter '{name}'{did_you_mean(name, known)}")
-    if isinstance(motion := parameters.get("motion"), dict):
-        if set(motion) != {"times", "positions"}:
-            raise UserError(f"primitive '{shape}': motion needs exactly 'times' and 'positions', not {sorted(motion)}")
-        points = tuple(tuple(point) for point in motion["positions"])
-        parameters["motion"] = Waypoints(tuple(motion["times"]), points)
-    try:
-        return kind(**parameters)
-    except TypeError as error:
-        needed = ", ".join(known)
-        raise UserError(f"primitive '{shape}' cannot be built from {sorted(parameters)}; it takes {needed}") from error
+    missing = [name for name, entry in known.items() if entry.default is MISSING and name not in parameters]
+    if missing:
+        raise UserError(f"primitive '{shape}': missing {' and '.join(missing)}; it takes {', '.join(known)}")
+    return kind(**{name: _parsed(name, value, shape) for name, value in parameters.items()})
 
 
-def csg(op: Literal["union", "difference", "intersection"], *parts: Primitive | Mesh) -> Mesh:
+def _parsed(name: str, value: Any, shape: str) -> Any:
+    """A parameter's plain value as its class takes it."""
+    if name == "motion":
+        if isinstance(value, Waypoints):
+            return value
+        if not isinstance(value, dict) or set(value) != {"times", "positions"}:
+            raise UserError(f"primitive '{shape}': motion is a table of exactly 'times' and 'positions', not {value!r}")
+        times, positions = value["times"], value["positions"]
+        if not isinstance(times, list | tuple) or not isinstance(positions, list | tuple):
+            raise UserError(f"primitive '{shape}': motion's 'times' and 'positions' are lists, not {value!r}")
+        numbers = tuple(_number(time, f"waypoint time {i}") for i, time in enumerate(times))
+        return Waypoints(numbers, tuple(_vector(p, f"waypoint {i}") for i, p in enumerate(positions)))
+    what = f"{shape} {name}"
+    return _number(value, what) if name in ("radius", "height", "yaw") else _vector(value, what)
+
+
+def csg(op: str, *parts: Primitive | Mesh) -> Mesh:
     """Combine solids into one closed mesh, through manifold3d.
 
     Args:

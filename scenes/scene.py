@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.bake import Bake, FreeSpace, Rule, bake, decide, is_free
+from scenes.bake import Bake, FreeSpace, Rule, bake, check_free_space, check_resolution, decide, is_free
 from scenes.errors import UserError, did_you_mean
 from scenes.field import DistanceField
 from scenes.mesh import Mesh, load_mesh
@@ -41,7 +41,7 @@ class Scene:
         self,
         meshes: Sequence[Mesh] = (),
         primitives: Sequence[Primitive] = (),
-        floor: float | None = None,
+        floor: float | int | None = None,
         resolution: int = 256,
         free_space: FreeSpace = "auto",
         cache: Path | Literal["default"] | None = "default",
@@ -62,8 +62,9 @@ class Scene:
         """
         self.meshes = tuple(meshes)
         self.primitives = tuple(primitives)
+        check_resolution(resolution)
         self.resolution = resolution
-        self.free_space = free_space
+        self.free_space = check_free_space(free_space)
         self.cache: Path | Literal["default"] | None = cache
         self.name = name
         self.stated_floor = 0.0 if floor is None and not self.meshes else floor
@@ -71,7 +72,7 @@ class Scene:
             raise UserError(f"scene '{name}': the floor height is {floor}; give finite metres")
 
     @classmethod
-    def empty(cls, floor: float = 0.0) -> Scene:
+    def empty(cls, floor: float | int = 0.0) -> Scene:
         """A floor plane and nothing else."""
         return cls(floor=floor, name="empty")
 
@@ -127,7 +128,8 @@ class Scene:
         for surface, rule in self._surfaces:
             unsigned = surface.unsigned_distance(points)
             results.append(np.where(is_free(surface, rule, points), unsigned, -unsigned))
-        return np.minimum.reduce(results)
+        nearest: np.ndarray = np.minimum.reduce(results)
+        return nearest
 
     @cached_property
     def _surfaces(self) -> tuple[tuple[Surface, Rule], ...]:
@@ -214,7 +216,7 @@ def load_scene(
     path: str | Path,
     unit: str | None = None,
     up: str | None = None,
-    floor: float | None = None,
+    floor: float | int | None = None,
     resolution: int = 256,
     free_space: FreeSpace = "auto",
     primitives: Sequence[Primitive] = (),
@@ -245,7 +247,5 @@ def bundled(
     facts: dict[str, Any] = {}
     if (notes := BUNDLED / f"{name}.toml").is_file():
         facts = tomllib.loads(notes.read_text(encoding="utf-8"))
-    free_space = facts.get("free_space", "auto")
     mesh = load_mesh(BUNDLED / f"{name}.glb")
-    rule: FreeSpace = free_space if isinstance(free_space, str) else tuple(free_space)  # type: ignore[assignment]
-    return Scene([mesh], primitives, facts.get("floor"), resolution, rule, cache, name=name)
+    return Scene([mesh], primitives, facts.get("floor"), resolution, facts.get("free_space", "auto"), cache, name=name)
