@@ -1,1 +1,59 @@
 """What exists: geometry, the body in it, and motion as data. Imports neither objectives nor scenectl."""
+
+from scenes.bake import Bake, bake, default_cache
+from scenes.body import DEFAULT_BODY, ProxyBody
+from scenes.errors import UserError
+from scenes.field import DistanceField
+from scenes.floor import Floor, FreeArea, free_area, path_length
+from scenes.grid import SdfGrid
+from scenes.mesh import Mesh, load_mesh
+from scenes.motion import Motion, Pose2D
+from scenes.primitives import (
+    PRIMITIVES,
+    Box,
+    Capsule,
+    Cylinder,
+    Plane,
+    Primitive,
+    Sphere,
+    Waypoints,
+    csg,
+    primitive,
+)
+from scenes.scene import Scene, bundled, bundled_names, load_scene
+from scenes.skeleton import HUMANML3D, Skeleton
+
+__all__ = [
+    "DEFAULT_BODY",
+    "HUMANML3D",
+    "PRIMITIVES",
+    "Bake",
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "DistanceField",
+    "Floor",
+    "FreeArea",
+    "Mesh",
+    "Motion",
+    "Plane",
+    "Pose2D",
+    "Primitive",
+    "ProxyBody",
+    "Scene",
+    "SdfGrid",
+    "Skeleton",
+    "Sphere",
+    "UserError",
+    "Waypoints",
+    "bake",
+    "bundled",
+    "bundled_names",
+    "csg",
+    "default_cache",
+    "free_area",
+    "load_mesh",
+    "load_scene",
+    "path_length",
+    "primitive",
+]

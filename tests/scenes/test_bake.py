@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from pathlib import Path
 
@@ -13,12 +14,13 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import scenes.bake as baking
 from scenes.accuracy import impossible_flips, measure
 from scenes.bake import Bake, bake
 from scenes.errors import UserError
 from scenes.mesh import Mesh, load_mesh
 from scenes.primitives import Box, Capsule, Cylinder, Sphere, csg
+
+baking = importlib.import_module("scenes.bake")  # `import scenes.bake as` would give the function of that name
 
 
 def joined(*meshes: Mesh) -> Mesh:
