@@ -358,32 +358,32 @@ def stairs() -> Plan:
     """Three steps of 0.16 m up to a platform."""
     x, z = (-2.0, 2.0), (-3.0, 3.0)
     rise, tread, width = 0.16, 0.3, 0.8
-    steps = [box((-width, width), (-_SINK, rise * (k + 1)), (tread * k, tread * 3 + 0.05)) for k in range(3)]
-    platform = box((-1.995, 1.995), (-_SINK, 3 * rise), (tread * 3, 2.995))
+    steps = [box((-width, width), (-_SINK, rise * (k + 1)), (-tread * 3 - 0.05, -tread * k)) for k in range(3)]
+    platform = box((-1.995, 1.995), (-_SINK, 3 * rise), (-2.995, -tread * 3))
     rails = [
         join(
-            box((a, a + 0.05), (3 * rise - 0.01, 1.4), (0.95, 1.0)),
-            box((b, b + 0.05), (3 * rise - 0.01, 1.4), (0.95, 1.0)),
-            box((a, b + 0.05), (1.35, 1.4), (0.95, 1.0)),
-            box((a, b + 0.05), (0.92, 0.95), (0.96, 0.99)),
+            box((a, a + 0.05), (3 * rise - 0.01, 1.4), (-1.0, -0.95)),
+            box((b, b + 0.05), (3 * rise - 0.01, 1.4), (-1.0, -0.95)),
+            box((a, b + 0.05), (1.35, 1.4), (-1.0, -0.95)),
+            box((a, b + 0.05), (0.92, 0.95), (-0.99, -0.96)),
         )
         for a, b in ((-1.9, -0.9), (0.85, 1.85))
     ]
     items = [
         _floor(x, z),
         *_walls(x, z),
-        Item("stairs", join(*steps, platform), _LINEN),
+        Item("stairs", join(*steps, platform), _OCHRE),
         Item("railing_right", rails[0], _SLATE),
         Item("railing_left", rails[1], _SLATE),
     ]
     return Plan(
         "stairs",
-        "A room of 4 x 6 m with three steps of 0.16 m (treads 0.3 m) up to a platform 0.48 m high, from z = 0.9 on; "
+        "A room of 4 x 6 m with three steps of 0.16 m (treads 0.3 m) up to a platform 0.48 m high, beyond z = -0.9; "
         "the planner knows the lower floor only.",
         tuple(items),
-        start=(0.0, -1.8, 0.0),
-        targets={"foot_of_stairs": (0.0, -0.5), "corner": (1.5, -2.4)},
-        reach={"platform": (0.0, 0.48, 1.8)},
+        start=(0.0, 1.8, 3.1416),
+        targets={"foot_of_stairs": (0.0, 0.5), "corner": (1.5, 2.4)},
+        reach={"platform": (0.0, 0.48, -1.8)},
     )
 
 

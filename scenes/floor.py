@@ -272,11 +272,14 @@ class FreeArea:
         return np.array(corners)
 
     def _rounded(self, line: np.ndarray, radius: float) -> np.ndarray:
-        """The polyline with its corners rounded: each point moves to its neighbours' middle where that is free."""
+        """The polyline with its corners rounded: each point moves to its neighbours' middle where that is free.
+
+        A quarter of a cell more than the radius is asked for, since the map is flat between its cells.
+        """
         for _ in range(60):
             moved = line.copy()
             moved[1:-1] = (line[:-2] + 2 * line[1:-1] + line[2:]) / 4
-            kept = self.clearance_at(moved) >= np.minimum(radius, self.clearance_at(line))
+            kept = self.clearance_at(moved) >= np.minimum(radius + self.cell / 4, self.clearance_at(line))
             line = np.where(kept[:, None], moved, line)
         return line
 

@@ -235,6 +235,13 @@ def test_paths_join_random_places_and_keep_clear() -> None:
         assert np.linalg.norm(b - a) - 1e-9 <= path_length(path) < 8.0
 
 
+def test_corners_are_not_cut() -> None:
+    block = Box((0.65, 1.2, 0.4), (2.7, 2.4, 2.2))  # leaves an L of 0.7 and 0.8 m around the corner (-0.7, -0.7)
+    room = Room(block, Box((-1.7, 1.2, 0.0), (0.6, 2.4, 3.0)))
+    path = free_area(room).path((-1.05, 1.1), (1.6, -1.1))
+    assert room.distance_exact(path + np.array([0.0, 1.0, 0.0])).min() >= RADIUS - 0.005
+
+
 def test_a_narrow_gap_stops_the_wide_and_says_who_passes() -> None:
     gap = [Box((0.0, 1.2, s * 0.875), (0.2, 2.4, 1.25)) for s in (-1, 1)]  # 0.5 m wide
     area = free_area(Room(*gap))
