@@ -1,0 +1,58 @@
+"""Pictures of scenes and results, and a window to turn them around. VTK is loaded only when one is drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from scenectl.view.picture import Picture
+from scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from scenectl.runner import Result
+
+__all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_result", "of_scene"]
+
+
+def of_scene(scene: Scene) -> Picture:
+    """A scene alone."""
+    return Picture(scene)
+
+
+def of_result(result: Result, sample: int = 0) -> Picture:
+    """One motion of a result in its scene; 0 is the best."""
+    problem = result.problem
+    return Picture(
+        problem.scene, result.motion[sample], problem.path, problem.objective, problem.task.prompt, problem.body
+    )
+
+
+def of_folder(folder: str | Path, sample: int = 0) -> Picture:
+    """One motion of a folder that `scenectl run` wrote; raises UserError for another folder or a missing sample."""
+    from objectives import Objective
+    from scenectl.runner import load_result
+    from scenectl.task import Task
+    from scenes.errors import UserError
+
+    motion, report = load_result(folder)
+    count = motion.joints.shape[0] if motion.joints.ndim == 4 else 1
+    if sample >= count:
+        raise UserError(f"'{folder}' holds {count} motions; --sample goes from 0 to {count - 1}")
+    one = motion[sample] if motion.joints.ndim == 4 else motion
+    task = Task(**report["task"])
+    walk = report.get("walk")
+    path = None if walk is None else np.array(walk["path"])
+    terms = () if task.walk is None or path is None else task.walk.terms(path, float(report["seconds"]))
+    return Picture(task.load_scene(), one, path, Objective((*terms, *task.terms)), task.prompt)
+
+
+def draw_result(result: Result, png: str | Path) -> None:
+    """The best motion of a result as a PNG file."""
+    of_result(result).draw(png)
+
+
+def draw_scene(scene: Scene, png: str | Path, show_slice: bool = False) -> None:
+    """A scene as a PNG file."""
+    of_scene(scene).draw(png, show_slice=show_slice)

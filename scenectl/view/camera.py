@@ -1,0 +1,107 @@
+"""Where to look from, and what to cut away so that the person is seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+ANGLE = 26.0
+"""Vertical opening of the camera, degrees: long enough that nothing near the edge is distorted."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A place to look from.
+
+    Attributes:
+        position, target: metres, world.
+        hidden: share of the body's points that something covers, 0 to 1.
+    """
+
+    position: np.ndarray
+    target: np.ndarray
+    hidden: float
+
+
+class Sight:
+    """Lines of sight against triangles ``[F, 3, 3]`` (m), each of which may be seen from its front side only."""
+
+    def __init__(self, triangles: np.ndarray, one_sided: bool) -> None:
+        from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
+
+        self.triangles, self.one_sided = triangles, one_sided
+        edge_a, edge_b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+        self.normals = np.cross(edge_a, edge_b)
+        self._locator: Any = None
+        if len(triangles):
+            self._data = triangles_to_vtk(triangles)
+            self._locator = vtkStaticCellLocator()
+            self._locator.SetDataSet(self._data)
+            self._locator.BuildLocator()
+
+    def covering(self, eye: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Indices of the triangles that cover `point` when seen from `eye`."""
+        if self._locator is None:
+            return np.zeros(0, dtype=int)
+        from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
+
+        hits, cells = vtkPoints(), vtkIdList()
+        towards = point + 0.02 * (eye - point) / np.linalg.norm(eye - point)
+        self._locator.IntersectWithLine(eye.tolist(), towards.tolist(), 1e-4, hits, cells)
+        found = np.array([cells.GetId(k) for k in range(cells.GetNumberOfIds())], dtype=int)
+        if self.one_sided and len(found):
+            found = found[(self.normals[found] * (eye - self.triangles[found, 0])).sum(-1) > 0]
+        return found
+
+
+def choose(points: np.ndarray, sight: Sight, along: np.ndarray, aspect: float, room: float = 0.7) -> Camera:
+    """The camera from which most of `points` are seen, preferring a low side view of the motion.
+
+    Args:
+        points: what shall be in the picture and seen, ``[n, 3]`` metres.
+        sight: what may be in the way.
+        along: direction of the motion on the floor, ``[2]`` (x, z); zero for none.
+        aspect: width over height of the picture.
+        room: metres left free around the points.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    target = (low + high) / 2
+    target[1] = low[1] + 0.5 * (high[1] - low[1])
+    probe = points[np.linspace(0, len(points) - 1, min(len(points), 90)).astype(int)]
+    best: tuple[float, Camera] | None = None
+    for elevation in (24.0, 34.0, 46.0, 60.0):
+        for azimuth in np.arange(0.0, 360.0, 22.5):
+            e, a = math.radians(elevation), math.radians(azimuth + 10.0)
+            back = np.array([math.cos(e) * math.sin(a), math.sin(e), math.cos(e) * math.cos(a)])
+            eye = target + back * _distance(points, target, back, aspect, room)
+            hidden = float(np.mean([len(sight.covering(eye, p)) > 0 for p in probe]))
+            side = abs(float(along @ np.array([math.cos(a), -math.sin(a)])))  # 1 when the motion crosses the view
+            score = hidden + 0.004 * abs(elevation - 30.0) - 0.15 * side
+            if best is None or score < best[0]:
+                best = (score, Camera(eye, target, hidden))
+    assert best is not None
+    return best[1]
+
+
+def _distance(points: np.ndarray, target: np.ndarray, back: np.ndarray, aspect: float, room: float) -> float:
+    """How far away the camera must be so that all points and `room` metres around them are in the picture."""
+    right = np.cross([0.0, 1.0, 0.0], back)
+    right /= np.linalg.norm(right)
+    up = np.cross(back, right)
+    offset = points - target
+    half = math.tan(math.radians(ANGLE / 2))
+    need_x = (np.abs(offset @ right) + room) / (half * aspect) + offset @ back
+    need_y = (np.abs(offset @ up) + room) / half + offset @ back
+    return float(max(need_x.max(), need_y.max()))
+
+
+def triangles_to_vtk(triangles: np.ndarray) -> Any:
+    """Triangles ``[F, 3, 3]`` as VTK data, in their order."""
+    import pyvista as pv
+
+    count = len(triangles)
+    faces = np.column_stack([np.full(count, 3), np.arange(3 * count).reshape(count, 3)])
+    return pv.PolyData(triangles.reshape(-1, 3), faces.ravel())

@@ -1,0 +1,179 @@
+"""Geometry for pictures: the body as capsules, its shadow, the scene with its colours, markers for goals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.body import ProxyBody
+from scenes.mesh import Mesh
+
+CLAY = (216, 211, 203)
+"""Colour of meshes that bring none."""
+
+
+@dataclass(frozen=True)
+class BodyShape:
+    """Triangles of a body: capsules that taper from joint sphere to joint sphere, and the spheres past the joints.
+
+    `vertices` moves them with the joints; the triangles stay the same, so that a time slider only moves points.
+    """
+
+    body: ProxyBody
+    rings: int = 6
+    sides: int = 18
+
+    @cached_property
+    def _parts(self) -> list[tuple[dict[int, float], float, dict[int, float], float]]:
+        """(blend, radius) at both ends of every part."""
+        radius = {s.joint: s.radius for s in self.body.spheres if s.base < 0}
+        parts = []
+        for c in self.body.capsules:
+            # the trunk keeps its capsule's radius, limbs taper between their joints
+            a, b = (max(min(radius[j], 1.25 * c.radius), 0.75 * c.radius) for j in (c.a, c.b))
+            parts.append(({c.a: 1.0}, a, {c.b: 1.0}, b))
+        for s in self.body.spheres:
+            if s.base >= 0:
+                tip = {s.joint: 1.0 + s.beyond, s.base: -s.beyond}
+                parts.append(({s.joint: 1.0}, min(radius[s.joint], s.radius), tip, s.radius))
+        return parts
+
+    @cached_property
+    def _template(self) -> tuple[np.ndarray, np.ndarray]:
+        """Unit sphere around +z, ``[P, 3]``, its equator doubled, and triangles ``[F, 3]``."""
+        half = np.linspace(0.0, np.pi / 2, self.rings)
+        polar = np.concatenate([half, half + np.pi / 2])
+        turn = np.linspace(0.0, 2 * np.pi, self.sides, endpoint=False)
+        points = np.stack(
+            [
+                np.outer(np.sin(polar), np.cos(turn)),
+                np.outer(np.sin(polar), np.sin(turn)),
+                np.outer(np.cos(polar), np.ones_like(turn)),
+            ],
+            axis=-1,
+        )
+        i, j = np.meshgrid(np.arange(len(polar) - 1), np.arange(self.sides), indexing="ij")
+        a, b = i * self.sides + j, i * self.sides + (j + 1) % self.sides
+        c, d = a + self.sides, b + self.sides
+        faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
+        return points.reshape(-1, 3), faces
+
+    @cached_property
+    def faces(self) -> np.ndarray:
+        """Triangles, ``[F, 3]``."""
+        points, faces = self._template
+        return np.concatenate([faces + k * len(points) for k in range(len(self._parts))])
+
+    @cached_property
+    def part_of_vertex(self) -> np.ndarray:
+        """Index of the part that each vertex belongs to, ``[V]``."""
+        return np.repeat(np.arange(len(self._parts)), len(self._template[0]))
+
+    def vertices(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World positions (m) and normals of all vertices, ``[V, 3]`` each, for one pose ``[J, 3]``."""
+        unit, _ = self._template
+        upper = np.arange(len(unit)) < len(unit) // 2  # the half towards +z belongs to the far end
+        placed, normals = [], []
+        for near, r_near, far, r_far in self._parts:
+            a = sum((w * joints[j] for j, w in near.items()), start=np.zeros(3))
+            b = sum((w * joints[j] for j, w in far.items()), start=np.zeros(3))
+            frame = _frame(b - a)
+            centre = np.where(upper[:, None], b, a)
+            normals.append(unit @ frame)
+            placed.append(centre + np.where(upper, r_far, r_near)[:, None] * normals[-1])
+        return np.concatenate(placed), np.concatenate(normals)
+
+
+def _frame(axis: np.ndarray) -> np.ndarray:
+    """Rows x, y, z of a frame whose z lies along `axis`."""
+    length = float(np.linalg.norm(axis))
+    z = axis / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
+    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.8 else np.array([0.0, 1.0, 0.0])
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def soft_shadow(
+    poses: list[np.ndarray], radius: np.ndarray, strengths: list[float], cell: float = 0.02, blur: float = 0.12
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shadow of bodies on the floor, straight down and soft.
+
+    Args:
+        poses: sample points of each body, ``[M, 3]`` metres.
+        radius: of the samples, ``[M]``.
+        strengths: darkness of each body's shadow, 0 to 1.
+        cell, blur: metres.
+
+    Returns:
+        x ``[X]``, z ``[Z]`` (m) and darkness ``[X, Z]``.
+    """
+    flat = np.concatenate([pose[:, [0, 2]] for pose in poses])
+    low, high = flat.min(axis=0) - 0.4, flat.max(axis=0) + 0.4
+    x, z = (np.arange(low[k], high[k], cell) for k in range(2))
+    dark = np.zeros((len(x), len(z)))
+    for pose, strength in zip(poses, strengths, strict=True):
+        here = np.zeros_like(dark)
+        for (px, py, pz), r in zip(pose, radius, strict=True):
+            reach = r + blur
+            i, j = np.abs(x - px) <= reach, np.abs(z - pz) <= reach
+            away = np.hypot((x[i] - px)[:, None], (z[j] - pz)[None, :])
+            fade = np.clip((reach - away) / (2 * blur), 0.0, 1.0) * np.clip(1.3 - 0.5 * py, 0.2, 1.0)
+            here[np.ix_(i, j)] = np.maximum(here[np.ix_(i, j)], fade * fade * (3 - 2 * fade))
+        dark = np.maximum(dark, strength * here)
+    return x, z, dark
+
+
+def face_colours(mesh: Mesh) -> np.ndarray:
+    """sRGB colour of every face, ``[F, 3]`` uint8: those of the file it came from, else clay."""
+    plain = np.tile(np.array(CLAY, dtype=np.uint8), (len(mesh.faces), 1))
+    path = Path(mesh.source)
+    if not path.is_file():
+        return plain
+    import trimesh
+
+    try:
+        parts = [part for part in trimesh.load_scene(path, process=False).dump() if isinstance(part, trimesh.Trimesh)]
+        colours = [_colours_of(part) for part in parts if len(part.faces)]
+    except Exception:  # colours are decoration: a file whose materials cannot be read is drawn in clay
+        return plain
+    found = np.concatenate(colours) if colours else plain
+    return found if len(found) == len(plain) else plain
+
+
+def _colours_of(part: Any) -> np.ndarray:
+    """Colour of each face of one part, ``[F, 3]``: of its material, its texture or its vertices, else clay."""
+    visual, faces = part.visual, np.asarray(part.faces)
+    material = getattr(visual, "material", None)
+    texture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if getattr(visual, "defined", False) and texture is None and material is not None:
+        colour = np.asarray(material.main_color)[:3] / 255.0
+        if hasattr(material, "baseColorFactor"):  # glTF states linear light, pictures are sRGB
+            colour = np.where(colour <= 0.0031308, 12.92 * colour, 1.055 * colour ** (1 / 2.4) - 0.055)
+        return np.tile((255 * colour).astype(np.uint8), (len(faces), 1))
+    if getattr(visual, "defined", False):
+        vertices = np.asarray((visual.to_color() if texture is not None else visual).vertex_colors)[:, :3]
+        return vertices[faces].mean(axis=1).astype(np.uint8)
+    return np.tile(np.array(CLAY, dtype=np.uint8), (len(faces), 1))
+
+
+def components(mesh: Mesh) -> np.ndarray:
+    """Which connected piece each face belongs to, ``[F]``: the objects of a scene whose objects are apart."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    _, welded = np.unique(mesh.vertices.round(5), axis=0, return_inverse=True)
+    faces = welded.reshape(-1)[mesh.faces]
+    count = int(faces.max()) + 1
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    _, label = connected_components(graph, directed=False)
+    pieces: np.ndarray = label[faces[:, 0]]
+    return pieces
+
+
+__all__ = ["CLAY", "BodyShape", "components", "face_colours", "soft_shadow"]
