@@ -43,7 +43,38 @@ _HOME = {
     "score": "scenectl.runner",
 }
 
-__all__ = ["__version__", *sorted(_HOME)]  # noqa: PLE0604  # the names live in _HOME
+__all__ = [
+    "__version__",
+    "Box",
+    "Capsule",
+    "Context",
+    "Cylinder",
+    "Mesh",
+    "Motion",
+    "Objective",
+    "ObjectiveGuide",
+    "Plane",
+    "Pose2D",
+    "ProxyBody",
+    "Result",
+    "Scene",
+    "Sphere",
+    "Task",
+    "Term",
+    "UserError",
+    "Waypoints",
+    "bundled",
+    "csg",
+    "free_area",
+    "goal",
+    "goals",
+    "load_generator",
+    "load_mesh",
+    "load_scene",
+    "load_task",
+    "run",
+    "score",
+]
 
 if TYPE_CHECKING:
     from objectives import Context, Objective, Term, goal, goals
