@@ -44,7 +44,6 @@ _HOME = {
 }
 
 __all__ = [
-    "__version__",
     "Box",
     "Capsule",
     "Context",
@@ -63,6 +62,7 @@ __all__ = [
     "Term",
     "UserError",
     "Waypoints",
+    "__version__",
     "bundled",
     "csg",
     "free_area",

@@ -9,17 +9,15 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 import scenectl
+from scenectl.cli_bench import bench, train
+from scenectl.console import bars, err, literal, out
 from scenes.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -33,8 +31,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     help="A room, a sentence and goals in; a human motion that meets them out.",
 )
-out = Console(highlight=False, soft_wrap=True)
-err = Console(stderr=True, highlight=False, soft_wrap=True)
+app.add_typer(bench, name="bench")
+app.command(name="train")(train)
 
 TaskFile = Annotated[Path, typer.Argument(metavar="TASK", help="A task file (TOML).")]
 AllowCode = Annotated[
@@ -119,7 +117,7 @@ def goals(
     table = Table("parameter", "type", "default", "meaning", box=None, pad_edge=False)
     for parameter in spec.parameters.values():
         default = "" if parameter.required else repr(parameter.default)
-        table.add_row(parameter.name, _literal(parameter.type), _literal(default), _literal(parameter.doc))
+        table.add_row(parameter.name, literal(parameter.type), literal(default), literal(parameter.doc))
     out.print(table)
     out.print(
         f"kernel {spec.kernel}, reduction {spec.reduction}, scale {spec.scale:g}, tolerance {spec.tolerance:g} "
@@ -178,7 +176,7 @@ def run(
         chosen = loaded.generator.model_copy(update={"weights": _resolved(weights)})
         loaded = loaded.model_copy(update={"generator": chosen})
     _writable(output)
-    with _bars() as progress:
+    with bars() as progress:
         result = make(loaded, samples, seed, progress=progress)
         progress("writing", 0.0)
         result.save(output, preview)
@@ -203,7 +201,7 @@ def score(
     _allow(allow_code)
     loaded = load_task(task)
     joints = Motion.load(motion / "motion.npz" if motion.is_dir() else motion)
-    with _bars() as progress:
+    with bars() as progress:
         result = judge(joints, loaded, progress)
     _show(result)
     if json_file is not None:
@@ -249,13 +247,8 @@ def main() -> None:
 
 
 def _leave(sentence: str) -> None:
-    err.print("scenectl: " + _literal(" ".join(sentence.split())))
+    err.print("scenectl: " + literal(" ".join(sentence.split())))
     sys.exit(2)
-
-
-def _literal(text: str) -> str:
-    """Text in which rich shall see no markup."""
-    return text.replace("[", "\\[")
 
 
 def _allow(path: Path | None) -> None:
@@ -303,24 +296,6 @@ def _writable(folder: Path) -> None:
         raise UserError(f"cannot write into '{folder}': permission denied")
 
 
-@contextmanager
-def _bars() -> Iterator[Any]:
-    """A progress bar on standard error, one line for each thing that is done."""
-    columns = (TextColumn("{task.description:<34}"), BarColumn(bar_width=30), TimeElapsedColumn())
-    with Progress(*columns, console=err, transient=True) as bar:
-        current: dict[str, Any] = {}
-
-        def tell(what: str, fraction: float) -> None:
-            if what not in current:
-                for done in current.values():
-                    bar.update(done, completed=1.0)
-                    bar.stop_task(done)
-                current[what] = bar.add_task(what, total=1.0)
-            bar.update(current[what], completed=max(0.0, min(1.0, fraction)))
-
-        yield tell
-
-
 def _show(result: Result) -> None:
     """The samples in a table, the best one's goals in sentences."""
     table = Table("rank", "cost", "goals met", "deepest (mm)", "in the floor (mm)", "skating", box=None, pad_edge=False)
@@ -339,7 +314,7 @@ def _show(result: Result) -> None:
         )
     out.print(table)
     for term in result.samples[0].terms:
-        out.print("  " + _literal(term.sentence()))
+        out.print("  " + literal(term.sentence()))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,177 @@
+"""`scenectl bench` and `scenectl train`: the commands that take hours rather than seconds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from scenectl.console import bars, literal, out
+from scenes.errors import UserError, did_you_mean
+from scenes.files import atomic_write
+
+bench = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Measure: each prints a table, --json keeps it.")
+
+Meshes = Annotated[list[Path] | None, typer.Option("--mesh", help="A scan or model; repeatable. Default: bundled.")]
+Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]
+Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ..., "rows": [...]} to this file.')]
+Weights = Annotated[str, typer.Option(help="Weights: 'default' or a folder.")]
+Seed = Annotated[int, typer.Option(help="Of everything random.")]
+Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; torch's choice by default.")]
+DATA = Path("../shared/data/motions")
+PROMPTS = Path("../shared/data/progmogen.json")
+
+
+@bench.command()
+def rooms(
+    mesh: Meshes = None,
+    tasks: Annotated[int, typer.Option(min=1, help="Walks in each room.")] = 50,
+    samples: Annotated[int, typer.Option(min=1, help="Motions for each task; the best is scored.")] = 4,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """Random walks through rooms: target reached, nothing touched."""
+    from scenectl.bench.rooms import bench_rooms
+
+    _run_and_show(lambda tell: bench_rooms(_generator(weights, threads), mesh or (), tasks, seed, samples, progress=tell),
+                  json_file, ("mesh", "task", "reached", "clean", "missed_m", "deepest_penetration_m",
+                              "deepest_floor_penetration_m", "skating_ratio", "seconds"))  # fmt: skip
+
+
+@bench.command()
+def keyframes(
+    data: Data = DATA,
+    clips: Annotated[int, typer.Option(min=1, help="Test clips.")] = 36,
+    number: Annotated[int, typer.Option("--keyframes", min=1, help="Targets in each clip.")] = 5,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """One joint at random keyframes of test motions, beside the same prompts without control."""
+    from scenectl.bench.keyframes import bench_keyframes
+
+    _run_and_show(
+        lambda tell: bench_keyframes(_generator(weights, threads), data, clips, number, seed, progress=tell), json_file
+    )
+
+
+@bench.command()
+def progmogen(
+    prompts: Annotated[Path, typer.Option("--data", help="ProgMoGen's prompts (JSON).")] = PROMPTS,
+    task: Annotated[list[str] | None, typer.Option(help="hsi1, hsi2, hsi3; repeat for more. Default: all.")] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="Prompts of each task.")] = None,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """ProgMoGen's HSI-1, HSI-2 and HSI-3, beside the same prompts without control."""
+    from scenectl.bench.progmogen import COLUMNS, TASKS, bench_progmogen, table
+
+    chosen = task or list(TASKS)
+    for name in chosen:
+        if name not in TASKS:
+            raise UserError(f"unknown task '{name}'{did_you_mean(name, TASKS)}")
+    counts = None if count is None else dict.fromkeys(chosen, count)
+    with bars() as tell:
+        result = bench_progmogen(_generator(weights, threads), prompts, chosen, counts, seed=seed, progress=tell)
+    lines = Table("task", "method", "prompts", *(heading for _, heading in COLUMNS), box=None, pad_edge=False)
+    for line in table(result):
+        lines.add_row(*line)
+    out.print(lines)
+    _keep(result, json_file)
+
+
+@bench.command()
+def tokenizer(data: Data = DATA, weights: Weights = "default", json_file: Json = None) -> None:
+    """Reconstruction of test motions by the tokenizer."""
+    from scenectl.bench.tokenizer import bench_tokenizer
+
+    _run_and_show(lambda tell: bench_tokenizer(weights, data), json_file)
+
+
+@bench.command("bake")
+def bake_bench(
+    mesh: Meshes = None,
+    resolution: Annotated[int, typer.Option(help="Nodes along the longest side.")] = 256,
+    json_file: Json = None,
+) -> None:
+    """Baked grids against exact distances: error near surfaces, signs, seconds."""
+    from scenectl.bench.bake import bench_bake
+
+    _run_and_show(lambda tell: bench_bake(mesh or (), resolution, tell), json_file)
+
+
+def train(
+    stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer or export.")],
+    data: Data = DATA,
+    config: Annotated[str, typer.Option(help="compact, paper, or a recipe (TOML).")] = "compact",
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the run.")] = Path("runs/compact"),
+    iterations: Annotated[int | None, typer.Option(min=1, help="Instead of the recipe's, for one stage.")] = None,
+    text: Annotated[str | None, typer.Option(help="Text encoder instead of the recipe's.")] = None,
+    threads: Threads = None,
+) -> None:
+    """Train one stage or all; a run that was stopped goes on where it was."""
+    from scenectl.training.command import STAGES
+    from scenectl.training.command import train as learn
+
+    known = ("all", *STAGES)
+    if stage not in known:
+        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
+    folder = learn(stage, data, config, output, iterations, text, threads)
+    out.print(f"the run is in {folder}")
+
+
+def _generator(weights: str, threads: int | None) -> Any:
+    from scenectl.generators import load_generator
+
+    return load_generator("mscot", weights, threads)
+
+
+def _run_and_show(work: Any, json_file: Path | None, columns: Sequence[str] = ()) -> None:
+    """Run a bench, print its rows and its summary, and keep both."""
+    with bars() as tell:
+        result = work(tell)
+    rows = result["rows"]
+    if rows:
+        shown = [key for key in (columns or rows[0]) if _scalar(rows[0].get(key))]
+        lines = Table(*shown, box=None, pad_edge=False)
+        for row in rows:
+            lines.add_row(*(_cell(row.get(key)) for key in shown))
+        out.print(lines)
+    out.print()
+    _print_summary(result["summary"], "")
+    _keep(result, json_file)
+
+
+def _print_summary(summary: Mapping[str, Any], indent: str) -> None:
+    for key, value in summary.items():
+        if isinstance(value, Mapping):
+            out.print(f"{indent}{key}:")
+            _print_summary(value, indent + "  ")
+        else:
+            out.print(literal(f"{indent}{key}: {_cell(value)}"))
+
+
+def _keep(result: Mapping[str, Any], json_file: Path | None) -> None:
+    if json_file is not None:
+        with atomic_write(json_file, "w") as file:
+            json.dump(result, file, indent=1)
+        out.print(f"wrote {json_file}")
+
+
+def _scalar(value: Any) -> bool:
+    return value is None or isinstance(value, bool | int | float | str)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)
