@@ -168,6 +168,10 @@ def test_foot_skating_reads_the_speed_of_feet_on_the_ground() -> None:
     motion, world = Motion(dragged), context(x=2.5)
     report = Term("foot_skating", {"allowed": 0.1}).report(motion, world)[0]
     assert report.worst == pytest.approx(1.4) and report.mean == pytest.approx(1.4) and report.active_frames == 8
+    landing = dragged.clone()
+    landing[:5, :, 1] += 0.1  # in the air up to frame 4: the steps 5-6, 6-7 and 7-8 have both ends on the ground
+    report = Term("foot_skating").evaluate(Motion(landing), world)
+    assert (report.square[:, 0] > 0).tolist() == [False] * 5 + [True] * 3 + [False]
     lifted = replace(motion, joints=dragged + torch.tensor([0, 0.1, 0]))
     assert float(Term("foot_skating").cost(lifted, world)) == 0
 

@@ -144,6 +144,8 @@ LINE = {"kind": "line", "start": [0, 1, 0], "end": [1, 1, 1], "times": [0, 3]}
         ({"use": "joint_target", "track": {**LINE, "end": [1, 1, 50]}}, "'track' has z = .* m, outside the scene"),
         ({"use": "sphere_repulsion", "center": {**LINE, "times": [-9, 20]}, "radius": 1}, None),
         ({"use": "joint_target", "position": [0, 1, 50], "name": "far"}, r"'far' .*: 'position' has z = 50 m"),
+        ({"use": "joint_target", "position": [-3.6, 1, 0]}, "'position' has x = -3.6 m, outside the scene"),
+        ({"use": "joint_target", "position": [-3.4, 1, 0]}, None),  # half a metre of slack
         ({"use": "follow_path", "path": [[0, 0], [0, 99]]}, "'path' has z = 99 m"),
         ({"use": "follow_path", "path": [[0, 0], [0, 0]]}, "at least two different points"),
         ({"use": "follow_path", "path": [[0, 0], [0, 1]], "begin": 1}, "'begin' and a later 'end'"),

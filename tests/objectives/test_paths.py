@@ -70,6 +70,15 @@ def test_on_schedule_costs_nothing_and_waiting_does() -> None:
     assert report.worst == pytest.approx(math.hypot(1.5, 1.0) - 0.2)
 
 
+def test_easing_starts_and_stops_slowly() -> None:
+    """At a quarter of the time the eased schedule has done 3 u^2 - 2 u^3 of the way, and half of it halfway."""
+    term = Term("follow_path", {"path": [[0, 0], [0, 4]], "begin": 0, "end": 2, "lag": 0.1, "pace": "ease"})
+    u = torch.linspace(0, 1, 41, dtype=torch.float64)
+    assert float(term.cost(walker(torch.stack([0 * u, 4 * (3 * u**2 - 2 * u**3)], dim=-1)), context())) == 0
+    steady = term.evaluate(walker(torch.stack([0 * u, 4 * u], dim=-1)), context()).residual[:, 2]
+    assert float(steady[10]) == pytest.approx(4 * (0.25 - 0.15625) - 0.1) and float(steady[20]) == 0
+
+
 def test_descending_brings_a_walker_into_the_corridor() -> None:
     """A straight walk across the corner's inside is pushed around it, and arrives."""
     term = Term("follow_path", {"path": BEND, "half_width": 0.1, "begin": 0.0, "end": 2.0, "lag": 0.1})
