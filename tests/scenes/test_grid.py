@@ -131,6 +131,8 @@ def test_far_from_the_world_origin_nothing_is_lost() -> None:
     far = SdfGrid(near.values, near.origin + shift, SPACING)
     points = points_around(near, 50, margin=0.2)
     torch.testing.assert_close(far.distance(points + shift), near.distance(points), atol=1e-7, rtol=0)
+    single = (points + shift).float()  # already rounded: the question is whether the grid loses more
+    torch.testing.assert_close(far.distance(single), far.distance(single.double()).float(), atol=1e-6, rtol=1e-6)
 
 
 def test_nodes_and_bounds_say_where_the_values_are() -> None:
