@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor
@@ -20,6 +20,7 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done, 0 to 1."""
 
 
+@runtime_checkable
 class Step(Protocol):
     """One moment at which a generator can be guided.
 
@@ -43,6 +44,7 @@ class Step(Protocol):
         ...
 
 
+@runtime_checkable
 class Guide(Protocol):
     """What a generator is handed to reach goals it knows nothing about."""
 
@@ -74,6 +76,7 @@ class Generation:
     trace: dict[str, object] = field(default_factory=dict)
 
 
+@runtime_checkable
 class Generator(Protocol):
     """Text and length in, motions out; steered only through a guide."""
 

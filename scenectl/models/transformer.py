@@ -57,6 +57,9 @@ class Block(nn.Module):
         self.cross_attention = Attention(width, config.heads)
         self.feed = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
         self.dropout = nn.Dropout(config.dropout)
+        # Residual branches start small, so that depth does not hurt early on.
+        for out in (self.self_attention.out, self.cross_attention.out, self.feed[2]):
+            nn.init.normal_(out.weight, std=0.02 / math.sqrt(2 * config.layers))
 
     def forward(
         self, x: Tensor, words: Tensor, word_mask: Tensor, mask: Tensor | None, past: tuple[Tensor, Tensor] | None
@@ -92,9 +95,6 @@ class ScaleTransformer(nn.Module):
         self.blocks = nn.ModuleList(Block(config) for _ in range(config.layers))
         self.norm = nn.LayerNorm(width)
         self.head = nn.Linear(width, codes)
-        for block in self.blocks:  # residual branches start small, so that depth does not hurt early on
-            for layer in (block.self_attention.out, block.cross_attention.out, block.feed[2]):
-                nn.init.normal_(layer.weight, std=0.02 / math.sqrt(2 * config.layers))
 
     def without_text(self, prompt: TextFeatures, drop: Bool[Tensor, " B"]) -> TextFeatures:
         """The prompt with some samples' text replaced by the learned 'no text' (classifier-free guidance)."""

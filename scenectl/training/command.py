@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -90,7 +89,7 @@ class _Run:
         """Train the token refiner on the finished tokenizer."""
         recipe = self.recipe
         settings = recipe.refiner.model_copy(update={"loop": self._loop(recipe.refiner.loop)})
-        tokenizer = self.trained()[0]
+        tokenizer = self.trained_tokenizer()
         train_refiner(
             recipe.model.refiner, tokenizer, settings, self.windows(["train"], True), self.out / "refiner", recipe.seed
         )
@@ -100,18 +99,17 @@ class _Run:
         recipe = self.recipe
         settings = recipe.transformer.model_copy(update={"loop": self._loop(recipe.transformer.loop)})
         data = self.windows(["train"], True)
-        tokenizer, folder = self.trained()[0], self.out / "transformer"
+        tokenizer, folder = self.trained_tokenizer(), self.out / "transformer"
         train_transformer(recipe.model.transformer, tokenizer, self.encoder(), settings, data, folder, recipe.seed)
 
     def _loop(self, settings: LoopSettings) -> LoopSettings:
         return settings if self.iterations is None else settings.model_copy(update={"iterations": self.iterations})
 
-    def trained(self, upto: int = 1) -> list[nn.Module]:
-        """The averaged weights of the first `upto` stages' networks."""
-        modules: list[nn.Module] = list(build(self.recipe.model))
-        for part, module in list(zip(PARTS, modules, strict=True))[:upto]:
-            self._read(part, module)
-        return modules[:upto]
+    def trained_tokenizer(self) -> Tokenizer:
+        """The finished tokenizer, which the other stages build on."""
+        tokenizer, _, _ = build(self.recipe.model)
+        self._read("tokenizer", tokenizer)
+        return tokenizer
 
     def _read(self, part: str, module: nn.Module) -> Loop:
         folder = self.out / part
@@ -136,11 +134,7 @@ class _Run:
         for part, module in zip(PARTS, networks, strict=True):
             save_weights(module, folder / f"{part}.safetensors", {**about, "part": part}, half=True)
         metrics = {
-            "reconstruction": {str(n): _reconstruction(tokenizer, test, n) for n in (64, 128, 196)},
+            "reconstruction": {str(n): reconstruction_error(tokenizer, test, n) for n in (64, 128, 196)},
             "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, self.encoder(), test),
         }
         write_card(folder, self.recipe, loops, census(windows), windows.hours, (licence, credits), metrics)
-
-
-def _reconstruction(tokenizer: Tokenizer, test: Windows, frames: int) -> dict[str, dict[str, float]]:
-    return reconstruction_error(tokenizer, test, frames)

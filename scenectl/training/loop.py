@@ -116,7 +116,7 @@ class Loop:
                 f"training '{self.folder.name}' diverged at iteration {self.iteration}; "
                 "lower learning_rate in its config"
             )
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         torch.nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
         self.optimiser.step()
         return float(loss.detach()), figures
@@ -134,8 +134,8 @@ class Loop:
         decay = min(self.settings.average, (1 + self.iteration) / (10 + self.iteration))
         for mean, own in zip(self.averaged.parameters(), self.module.parameters(), strict=True):
             mean.lerp_(own, 1 - decay)
-        for mean, own in zip(self.averaged.buffers(), self.module.buffers(), strict=True):
-            mean.copy_(own)
+        for kept, now in zip(self.averaged.buffers(), self.module.buffers(), strict=True):
+            kept.copy_(now)
 
     def _log(self, sums: dict[str, float]) -> None:
         point = {key: value / self.settings.log_every for key, value in sums.items()}

@@ -1,0 +1,190 @@
+"""Random walks through scanned rooms: how often the target is reached and nothing is touched."""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from scenectl.control import SolverSettings
+from scenectl.generators.base import Generator, Progress
+from scenectl.metrics import Scorer, measure
+from scenectl.runner import run
+from scenectl.task import Start, Task, Walk
+from scenes.errors import UserError
+from scenes.floor import FreeArea, free_area, path_length
+from scenes.motion import Motion
+from scenes.scene import Scene, bundled, load_scene
+
+PROMPT = "a person walks forward"
+REACHED = 0.10
+"""Distance (m, on the floor) from the pelvis at the last frame to the target that counts as reached."""
+DEEP = 0.02
+"""A frame is clean when nothing is deeper than this (m), in obstacles or the floor."""
+SHORTEST_PATH, LONGEST_PATH = 1.0, 4.0
+FALLBACK = ("living_room", "pillars")
+"""Bundled scenes to walk in where no mesh is named."""
+TRIES = 200
+"""Draws a task after which a room counts as too small to walk in."""
+
+GOALS: tuple[dict[str, Any], ...] = (
+    {"use": "sdf_penetration", "margin": 0.03, "kernel": "squared", "reduction": "sum", "weight": 300.0},
+    {"use": "foot_contact", "kernel": "squared", "reduction": "sum", "weight": 100.0},
+)
+"""What a walk shall respect besides its path: a body's distance from the scene, and feet on the ground."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A scene to walk in, prepared once.
+
+    Attributes:
+        rejected: how many random tasks were thrown away, by reason.
+    """
+
+    name: str
+    scene: Scene
+    area: FreeArea
+    scorer: Scorer
+    rejected: Counter[str]
+
+
+def bench_rooms(
+    generator: Generator,
+    meshes: Sequence[str | Path] = (),
+    tasks: int = 50,
+    seed: int = 0,
+    samples: int = 4,
+    radius: float = 0.35,
+    solver: SolverSettings | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Walk through each mesh `tasks` times.
+
+    Args:
+        generator: what makes the motions.
+        meshes: scans or models in metres, y up; the bundled scenes `FALLBACK` where none is given.
+        tasks: walks in each room.
+        seed: of starts, targets and motions.
+        samples: motions made for each task, of which the best by the objective is scored.
+        radius: clearance (m) of starts, targets and paths.
+        solver: instead of the default.
+        progress: called with what is being done and the fraction done.
+
+    Returns:
+        ``{"summary": ..., "rows": ...}``; metres, seconds, ratios.
+
+    Raises:
+        UserError: an unreadable mesh, or a room with no space to walk.
+    """
+    tell = progress or (lambda what, done: None)
+    rows: list[dict[str, Any]] = []
+    rejected: dict[str, dict[str, int]] = {}
+    for scene in _scenes(meshes):
+        room = Room(scene.name, scene, free_area(scene, radius), Scorer(scene), Counter())
+        for i, task in enumerate(_tasks(room, tasks, seed, radius, solver or SolverSettings())):
+            tell(room.name, i / tasks)
+            rows.append({"mesh": room.name, "task": i, **_walk(room, task, generator, samples, seed + i)})
+        rejected[room.name] = dict(room.rejected)
+    return {"summary": {**_summary(rows), "rejected": rejected, "body": Scorer(scene).body.source}, "rows": rows}
+
+
+def _scenes(meshes: Sequence[str | Path]) -> Iterator[Scene]:
+    if meshes:
+        yield from (load_scene(mesh) for mesh in meshes)
+    else:
+        yield from (bundled(name) for name in FALLBACK)
+
+
+def _tasks(room: Room, count: int, seed: int, radius: float, solver: SolverSettings) -> Iterator[Task]:
+    """Random starts and targets in the free area whose shortest clear path is of walking length."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        start, target = _places(room, rng, radius)
+        yield Task(
+            prompt=PROMPT,
+            scene=room.scene,
+            start=Start(position=(start[0], start[1])),
+            walk=Walk(to=(target[0], target[1]), radius=radius),
+            goals=GOALS,
+            solver=solver,
+        )
+
+
+def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[float], list[float]]:
+    for _ in range(TRIES):
+        start, target = room.area.sample(2, rng, radius).tolist()
+        if not SHORTEST_PATH <= float(np.hypot(start[0] - target[0], start[1] - target[1])) <= LONGEST_PATH:
+            room.rejected["too near or too far as the crow flies"] += 1
+            continue
+        try:
+            length = path_length(room.area.path(start, target, radius))
+        except UserError:
+            room.rejected["no clear path"] += 1
+            continue
+        if length <= LONGEST_PATH:
+            return start, target
+        room.rejected["path too long"] += 1
+    raise UserError(f"room '{room.name}' has no two free places a walk apart for a body of {radius:g} m radius")
+
+
+def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
+    assert task.walk is not None
+    result = run(task, samples, seed, generator, problem=task.build(seed, scene=room.scene))
+    motion, path = result.motion[0], result.problem.path
+    assert path is not None
+    depths = room.scorer.depths(motion)
+    missed = _missed(motion, task.walk.to)
+    deep = bool((np.maximum(depths.obstacles, depths.floor) > DEEP).any())
+    figures = measure(motion, room.scorer)
+    return {
+        "start": [float(path[0, 0]), float(path[0, 2])],
+        "target": list(task.walk.to),
+        "planned_path_m": path_length(path),
+        "seconds_of_motion": result.problem.seconds,
+        "missed_m": missed,
+        "reached": missed <= REACHED,
+        "clean": not deep,
+        "success": missed <= REACHED and not deep,
+        "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
+        **figures,
+        "seconds": result.report["timing"]["generate_s"],
+    }
+
+
+def _missed(motion: Motion, target: tuple[float, float]) -> float:
+    end = motion.joint("pelvis")[-1, [0, 2]]
+    return float((end - torch.tensor(target)).norm())
+
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def share(key: str) -> float:
+        return sum(bool(row[key]) for row in rows) / max(len(rows), 1)
+
+    def median(key: str) -> float:
+        return statistics.median(row[key] for row in rows)
+
+    return {
+        "tasks": len(rows),
+        "reached_rate": share("reached"),
+        "clean_rate": share("clean"),
+        "success_rate": share("success"),
+        "sole_on_floor_rate": share("sole_on_floor"),
+        "deepest_penetration_m": max(row["deepest_penetration_m"] for row in rows),
+        "deepest_floor_penetration_m": max(row["deepest_floor_penetration_m"] for row in rows),
+        "mean_share_of_frames_touching": statistics.fmean(row["share_of_frames_touching"] for row in rows),
+        "median_skating_ratio": median("skating_ratio"),
+        "median_max_acceleration_m_per_frame2": median("max_acceleration_m_per_frame2"),
+        "median_seconds": median("seconds"),
+        "by_mesh": {
+            mesh: sum(row["success"] for row in rows if row["mesh"] == mesh)
+            / sum(row["mesh"] == mesh for row in rows)
+            for mesh in dict.fromkeys(row["mesh"] for row in rows)
+        },
+    }

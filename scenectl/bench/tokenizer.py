@@ -1,0 +1,34 @@
+"""Reconstruction by the tokenizer on test clips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from scenectl.models.bundle import load_bundle
+from scenectl.training.dataset import prepare
+from scenectl.training.tokenizer import reconstruction_error
+from scenes.bake import default_cache
+
+
+def bench_tokenizer(weights: str | Path, data: str | Path, frames: tuple[int, ...] = (64, 128, 196)) -> dict[str, Any]:
+    """Mean joint error (m) over the first frames of every test clip that is long enough, by source and length."""
+    tokenizer = load_bundle(weights).tokenizer
+    windows = prepare(Path(data), ["test"], None, default_cache() / "windows", 0)
+    rows = [
+        {"frames": length, "set": name, **figures}
+        for length in frames
+        for name, figures in reconstruction_error(tokenizer, windows, length).items()
+    ]
+    summary = {
+        "reconstruction_error_m": _pick(rows, "bandai"),
+        "reconstruction_error_other_m": _pick(rows, "other"),
+        "reconstruction_error_all_m": _pick(rows, "all"),
+    }
+    return {"summary": summary, "rows": rows}
+
+
+def _pick(rows: list[dict[str, Any]], name: str) -> float | None:
+    """Error at 64 frames, the paper's setting."""
+    found = [row["global_error_m"] for row in rows if row["frames"] == 64 and row["set"] == name]
+    return found[0] if found else None
