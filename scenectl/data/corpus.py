@@ -18,6 +18,19 @@ from scenes.errors import UserError
 MAX_ROOT_ACCELERATION = 50.0
 """m/s^2; a pelvis that accelerates faster is a capture error (a sprinter's stays below 20)."""
 
+CREDITS = {
+    "cmu": "The data used in this project was obtained from mocap.cs.cmu.edu. "
+    "The database was created with funding from NSF EIA-0196217.",
+    "hdm05": "M. Müller, T. Röder, M. Clausen, B. Eberhardt, B. Krüger, A. Weber, "
+    "Documentation Mocap Database HDM05, CG-2007-2, Universität Bonn.",
+    "snu": "Yoonsang Lee, SNU Movement Research Lab.",
+    "mesh2motion": "Quaternius, Mesh2Motion.",
+    "deepmimic": "X. B. Peng, DeepMimic.",
+    "sie": "Sony Interactive Entertainment.",
+    "bandai": "Bandai Namco Research Inc.",
+}
+"""What the sources ask to be said wherever something made from them is shipped."""
+
 _SWAP = {"left": "right", "right": "left", "clockwise": "counterclockwise", "counterclockwise": "clockwise"}
 
 

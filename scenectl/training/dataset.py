@@ -17,7 +17,7 @@ from safetensors.numpy import save_file
 from torch import Tensor
 
 from scenectl.data.augment import Augmentation, augmented
-from scenectl.data.corpus import Clip, load_motions
+from scenectl.data.corpus import CREDITS, Clip, load_motions
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenes.errors import UserError
 
@@ -72,7 +72,7 @@ class Windows:
         if not all(self.commercial):
             licence = "non-commercial use only (part of the training data is CC BY-NC 4.0 or of unstated origin)"
         pairs = sorted(set(zip(self.sources, self.licences, strict=True)))
-        return licence, [f"{source}: {terms}" for source, terms in pairs]
+        return licence, [f"{source}: {terms}. {CREDITS.get(source, '')}".rstrip() for source, terms in pairs]
 
     def draw(self, length: int, batch: int, generator: torch.Generator) -> tuple[Tensor, Int[Tensor, " B"]]:
         """Random windows ``[B, length, 263]`` of clips that are long enough, and the clips' indices.
