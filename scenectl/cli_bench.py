@@ -16,7 +16,7 @@ from scenes.files import atomic_write
 
 bench = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Measure: each prints a table, --json keeps it.")
 
-Meshes = Annotated[list[Path] | None, typer.Option("--mesh", help="A scan or model; repeatable. Default: bundled.")]
+Meshes = Annotated[list[Path] | None, typer.Option("--mesh", help="A scan; repeatable. Default: bundled scenes.")]
 Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]
 Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ..., "rows": [...]} to this file.')]
 Weights = Annotated[str, typer.Option(help="Weights: 'default' or a folder.")]
@@ -39,9 +39,14 @@ def rooms(
     """Random walks through rooms: target reached, nothing touched."""
     from scenectl.bench.rooms import bench_rooms
 
-    _run_and_show(lambda tell: bench_rooms(_generator(weights, threads), mesh or (), tasks, seed, samples, progress=tell),
-                  json_file, ("mesh", "task", "reached", "clean", "missed_m", "deepest_penetration_m",
-                              "deepest_floor_penetration_m", "skating_ratio", "seconds"))  # fmt: skip
+    _run_and_show(
+        lambda tell: bench_rooms(_generator(weights, threads), mesh or (), tasks, seed, samples, progress=tell),
+        json_file,
+        (
+            "mesh", "task", "reached", "clean", "missed_m", "deepest_penetration_m", "deepest_floor_penetration_m",
+            "skating_ratio", "seconds",
+        ),
+    )  # fmt: skip
 
 
 @bench.command()

@@ -96,6 +96,7 @@ def run(
     generator: Generator | None = None,
     progress: Progress | None = None,
     problem: Problem | None = None,
+    scorer: Scorer | None = None,
 ) -> Result:
     """Make motions for a task, ranked by the objective's cost.
 
@@ -105,6 +106,7 @@ def run(
         generator: instead of loading the one that the task names; benches reuse one.
         progress: called with what is being done and the fraction done.
         problem: the task already built (with the same seed), so that a scene is read once.
+        scorer: of the same scene, so that its triangles are prepared once.
     """
     seed = task.seed if seed is None else seed
     samples = task.samples if samples is None else samples
@@ -128,7 +130,7 @@ def run(
     )
     clock.lap("generate_s")
     tell("measuring", 0.0)
-    motion, rows = _ranked(made, problem, tell)
+    motion, rows = _ranked(made, problem, scorer or Scorer(problem.scene, problem.body), tell)
     clock.lap("measure_s")
     facts = {
         "seed": seed,
@@ -147,7 +149,7 @@ def score(motion: Motion, task: Task, progress: Progress | None = None) -> Resul
     tell("reading the scene and planning", 0.0)
     batch = motion if motion.joints.ndim == 4 else replace(motion, joints=motion.joints[None], valid=motion.valid[None])
     problem = task.build(start=start_of(batch[0]))
-    made, rows = _ranked(Generation(batch), problem, tell)
+    made, rows = _ranked(Generation(batch), problem, Scorer(problem.scene, problem.body), tell)
     return Result(problem, made, rows, {**_report(problem, rows), "seed": task.seed, "generator": None, "timing": {}})
 
 
@@ -196,7 +198,7 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
     return motion, report
 
 
-def _ranked(made: Generation, problem: Problem, tell: Progress) -> tuple[Motion, list[Sample]]:
+def _ranked(made: Generation, problem: Problem, scorer: Scorer, tell: Progress) -> tuple[Motion, list[Sample]]:
     """Motions and their rows, the least cost first; a cost that is not a number comes last."""
     objective, context = problem.objective, problem.context
     with torch.no_grad():
@@ -204,7 +206,6 @@ def _ranked(made: Generation, problem: Problem, tell: Progress) -> tuple[Motion,
         before = None if made.unrefined is None else objective.cost(made.unrefined, context)
     order = torch.argsort(costs.nan_to_num(nan=torch.inf)).tolist()
     terms = objective.report(made.motion, context)
-    scorer = Scorer(problem.scene, problem.body)
     rows = []
     for done, index in enumerate(order):
         figures = measure(made.motion[index], scorer)

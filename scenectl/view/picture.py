@@ -316,7 +316,7 @@ class Picture:
             self._add_term(plotter, term)
         self._add_moving(plotter)
         if self.title:
-            plotter.add_text(self.title, position="upper_left", font_size=11, color="#40403c")
+            plotter.add_text(self.title, position=(0.015, 0.945), viewport=True, font_size=12, color="#40403c")
 
     def _add_term(self, plotter: Any, term: Term) -> None:
         """What one goal says about places."""
@@ -371,7 +371,7 @@ class Picture:
         data = self.slice_at(height)
         bar = {"title": "distance (m)", "color": "black", "width": 0.25, "position_x": 0.05, "position_y": 0.03}
         plotter.add_mesh(
-            data, scalars="distance (m)", cmap="RdBu", clim=[-0.6, 0.6], opacity=0.75, lighting=False, name="slice",
+            data, scalars="distance (m)", cmap="RdBu", clim=[-0.6, 0.6], opacity=0.6, lighting=False, name="slice",
             scalar_bar_args=bar,
         )  # fmt: skip
         zero = data.contour([0.0], scalars="distance (m)")

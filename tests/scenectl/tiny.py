@@ -1,0 +1,70 @@
+"""A generator small enough for tests: a statue that can be moved over the floor, frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenectl.generators.base import Generation, Guide, Progress
+from scenes.motion import Motion, Pose2D
+from scenes.skeleton import HUMANML3D
+
+
+def statue() -> Float[Tensor, "22 3"]:
+    """A person at rest, lowest joint at y = 0."""
+    joints = torch.zeros(22, 3)
+    for j, parent in enumerate(HUMANML3D.parents):
+        joints[j] = (joints[parent] if parent >= 0 else 0.0) + torch.tensor(HUMANML3D.offsets[j])
+    joints[[10, 11], 1] -= 0.047
+    joints[:, 1] -= joints[:, 1].min()
+    return joints
+
+
+@dataclass
+class TinyStep:
+    """Its value is where the statue stands in the canonical frame, x and z at every frame."""
+
+    value: Float[Tensor, "S T 2"]
+    start: Pose2D
+
+    def decode(self, value: Float[Tensor, "S T 2"]) -> Motion:
+        x, z = value.unbind(-1)
+        offset = torch.stack([x, torch.zeros_like(x), z], dim=-1)
+        return Motion(self.start.apply(statue() + offset[..., None, :]))
+
+    def jvp(self, tangent: Float[Tensor, "S T 2"]) -> Float[Tensor, "S T J 3"]:
+        return torch.func.jvp(lambda value: self.decode(value).joints, (self.value,), (tangent,))[1]
+
+    def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S T 2"]:
+        return torch.func.vjp(lambda value: self.decode(value).joints, self.value)[1](cotangent)[0]
+
+
+class TinyGenerator:
+    """Statues that slide ahead at 0.5 m/s, sample s a little more to the left; refined as a guide asks."""
+
+    name, fps, licence = "tiny", 20.0, "CC0-1.0"
+
+    def generate(
+        self,
+        prompt: str,
+        seconds: float,
+        start: Pose2D,
+        guide: Guide | None = None,
+        samples: int = 1,
+        seed: int = 0,
+        progress: Progress | None = None,
+    ) -> Generation:
+        frames = round(seconds * self.fps)
+        draw = torch.Generator().manual_seed(seed)
+        ahead = 0.5 * torch.arange(frames) / self.fps
+        left = torch.rand(samples, 1, generator=draw) * 0.2
+        value = torch.stack([left.expand(samples, frames), ahead.expand(samples, frames)], dim=-1)
+        step = TinyStep(value, start)
+        motion = step.decode(value)
+        if guide is None:
+            return Generation(motion, trace={"prompt": prompt})
+        refined = step.decode(guide.refine(step).detach())
+        return Generation(refined, motion, {"tilt": torch.zeros(3), "nan": float("nan")})
