@@ -1,0 +1,49 @@
+"""The numbered examples run as they stand."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+from objectives import forget, get_goal
+from scenes.errors import UserError
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def run(name: str, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
+    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+
+
+def test_bake_a_scene(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    run("01_bake_a_scene.py", monkeypatch)
+    said = capsys.readouterr().out
+    assert "free space is outside" in said
+    assert "square metres" in said
+
+
+def test_write_a_goal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        run("02_write_a_goal.py", monkeypatch)
+        assert get_goal("hands_apart").unit == "m"
+    finally:
+        forget("hands_apart")
+    assert "did you mean 'distance'?" in capsys.readouterr().out
+
+
+def test_run_a_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    from scenectl.models.bundle import load_bundle
+
+    try:
+        load_bundle("default")
+    except UserError as error:
+        pytest.skip(f"needs the shipped weights: {error}")
+    task = tmp_path / "task.toml"
+    task.write_text('prompt = "a person walks forward"\nseconds = 2.0\n[solver]\niterations = 5\n')
+    run("03_run_a_task.py", monkeypatch, str(task), str(tmp_path / "out"))
+    assert "Deepest in an obstacle: 0 mm" in capsys.readouterr().out
+    assert (tmp_path / "out" / "preview.png").is_file()
