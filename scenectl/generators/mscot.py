@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -62,14 +63,39 @@ class _State:
     moved: list[float]
 
 
+@dataclass(frozen=True)
+class Tilt:
+    """One scale's guidance, for whoever wants to look at it.
+
+    Attributes:
+        k: the scale, from 0.
+        step: prior-mean embeddings (Eq. 11) and their decoder.
+        prior: log-probabilities before guidance, ``[S, L_k, V]``.
+        first_order: log-likelihood of every code to first order (Eq. 10), up to a constant and unclipped.
+        codes: embeddings of the codes at this scale, ``[V, d]``.
+    """
+
+    k: int
+    step: DecodedStep
+    prior: Float[Tensor, "S L_k V"]
+    first_order: Float[Tensor, "S L_k V"]
+    codes: Float[Tensor, "V d"]
+
+
 class MSCoT:
-    """The generator behind one bundle of weights."""
+    """The generator behind one bundle of weights.
+
+    Attributes:
+        observer: called with each scale's `Tilt` when a guide is at work.
+    """
 
     name = "mscot"
     fps = FPS
 
-    def __init__(self, bundle: Bundle, sampling: Sampling | None = None) -> None:
-        self.bundle = bundle
+    def __init__(
+        self, bundle: Bundle, sampling: Sampling | None = None, observer: Callable[[Tilt], None] | None = None
+    ) -> None:
+        self.bundle, self.observer = bundle, observer
         self.sampling = sampling or Sampling()
         self.quantiser = bundle.tokenizer.quantiser
 
@@ -149,8 +175,10 @@ class MSCoT:
         codes = self.quantiser.codes(k)
         mean = prior.exp() @ codes
         step = DecodedStep(mean, lambda e: self._decode(state, [*state.refined, e]))
-        tilt = clipped(guide.gradient(step) @ codes.T, self.sampling.clip_nats)
-        posterior = (prior + tilt).log_softmax(-1)
+        first_order = guide.gradient(step) @ codes.T
+        if self.observer is not None:
+            self.observer(Tilt(k, step, prior, first_order, codes))
+        posterior = (prior + clipped(first_order, self.sampling.clip_nats)).log_softmax(-1)
         state.moved.append(float((posterior.exp() * (posterior - prior)).sum(-1).mean()))
         return posterior
 
