@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -24,8 +24,8 @@ from scenes.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, did_you_mean
 from scenes.floor import FreeArea, free_area, path_length, resample
 from scenes.motion import Motion, Pose2D
-from scenes.primitives import Primitive, primitive
-from scenes.scene import Scene, bundled, bundled_names, load_scene
+from scenes.primitives import PRIMITIVES, Primitive, primitive
+from scenes.scene import BUNDLED, Scene, bundled, bundled_names, load_scene
 
 FASTEST_WALK = 1.6
 """Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
@@ -309,10 +309,11 @@ class Task(_Table):
         return self.seconds
 
     def dump(self) -> dict[str, Any]:
-        """Plain values that `Task(**values)` builds the same task from; a `Scene` from Python is named only."""
+        """Plain values that `Task(**values)` builds the same task from, as far as its scene comes from files."""
         values = self.model_dump(mode="json", by_alias=False, exclude={"scene", "goals"})
         scene = self.scene
-        values["scene"] = scene.name if isinstance(scene, Scene) else scene.model_dump(mode="json", exclude_unset=True)
+        table = _scene_table(scene) if isinstance(scene, Scene) else scene.model_dump(mode="json", exclude_unset=True)
+        values["scene"] = table
         values["goals"] = [_term_table(g) if isinstance(g, Term) else _plain(g) for g in self.goals]
         return values
 
@@ -425,6 +426,26 @@ def _shape(table: Mapping[str, Any], index: int) -> Primitive:
         return primitive(str(table["shape"]), **rest)
     except (TypeError, ValueError) as error:
         raise UserError(f"scene: primitive {index + 1}: {error}") from error
+
+
+def _scene_table(scene: Scene) -> dict[str, Any] | str:
+    """A scene built in Python as the table that would build it; its name where its meshes are in no file."""
+    shapes = [_shape_table(shape) for shape in scene.primitives]
+    facts: dict[str, Any] = {"resolution": scene.resolution, "primitives": shapes}
+    if not scene.meshes:
+        return {**facts, "floor": scene.stated_floor}
+    mesh = scene.meshes[0]
+    if len(scene.meshes) > 1 or not Path(mesh.source).is_file():
+        return scene.name
+    if Path(mesh.source).parent == BUNDLED:
+        return {**facts, "bundled": mesh.name}
+    told = {"unit": mesh.unit, "up": mesh.up, "floor": scene.stated_floor, "free_space": scene.free_space}
+    return {**facts, "file": str(Path(mesh.source).resolve()), **_plain(told)}
+
+
+def _shape_table(shape: Primitive) -> dict[str, Any]:
+    name = next(name for name, kind in PRIMITIVES.items() if type(shape) is kind)
+    return {"shape": name, **_plain(asdict(shape))}
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:

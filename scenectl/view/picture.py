@@ -86,16 +86,17 @@ class Picture:
         """Open a window with a time slider; s shows or hides the slice, c the clearances. Blocks until closed."""
         if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise UserError("there is no screen to open a window on; use --png FILE")
-        self.interactive(self._plotter(off_screen=False, size=SIZE), show_slice).show()
+        plotter = self._plotter(off_screen=False, size=SIZE)
+        self.interactive(plotter, show_slice)
+        plotter.show()
 
-    def interactive(self, plotter: Any, show_slice: bool) -> Any:
-        """Fill a plotter with what the window shows, its sliders and keys."""
+    def interactive(self, plotter: Any, show_slice: bool) -> _Window:
+        """Fill a plotter with what the window shows, its sliders and keys; returns what they move."""
         poses = self._moments(None)
         camera = self._look(poses, SIZE[0] / SIZE[1])
         self._add_scene(plotter, camera, poses[:1])
         self._add_goals(plotter)
-        _Window(self, plotter, show_slice)
-        return plotter
+        return _Window(self, plotter, show_slice)
 
     # ---- what is shown when -----------------------------------------------------------------------------------
 
@@ -152,7 +153,17 @@ class Picture:
             along = along if np.hypot(way[0], way[2]) > 0.5 else np.zeros(2)
             if self.path is not None:
                 points = np.concatenate([points, self.path[::10]])
+            points = np.concatenate([points, *self._targets()])
         return choose(points, Sight(self._cut(triangles), self._inward), along, aspect)
+
+    def _targets(self) -> list[np.ndarray]:
+        """Places that goals name, ``[1, 3]`` each, for the picture to hold them."""
+        floor, found = self.scene.floor.height, []
+        for term in () if self.objective is None else self.objective.counted:
+            if term.goal == "joint_target":
+                found += [np.array([list(p)]) for p in instances(dict(term.parameters), Point)]
+                found += [np.array([[p.x, floor, p.z]]) for p in instances(dict(term.parameters), FloorPoint)]
+        return found
 
     def _cut(self, triangles: np.ndarray) -> np.ndarray:
         """Triangles that do not belong to a ceiling."""
@@ -331,10 +342,10 @@ class Picture:
             self._add_line(plotter, square, _GOAL, 0.015)
         elif term.goal == "sphere_repulsion":
             for p in instances(parameters["center"], Point):
-                plotter.add_mesh(pv.Sphere(parameters["radius"], p), color=_OBSTACLE, opacity=0.5)
+                plotter.add_mesh(pv.Sphere(radius=parameters["radius"], center=p), color=_OBSTACLE, opacity=0.5)
         elif term.goal == "joint_target":
             for p in instances(dict(parameters), Point):
-                plotter.add_mesh(pv.Sphere(max(radius, 0.03), p), color=_GOAL, opacity=0.85)
+                plotter.add_mesh(pv.Sphere(radius=max(radius, 0.03), center=p), color=_GOAL, opacity=0.85)
             for f in instances(dict(parameters), FloorPoint):
                 self._add_ring(plotter, np.array([f.x, floor + 0.02, f.z]), max(radius, 0.05))
         for track in instances(dict(parameters), TrackBase):

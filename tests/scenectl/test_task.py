@@ -14,8 +14,8 @@ from scenes.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.floor import path_length
 from scenes.motion import Motion, Pose2D
-from scenes.primitives import Box, Sphere
-from scenes.scene import Scene
+from scenes.primitives import Box, Sphere, Waypoints
+from scenes.scene import Scene, bundled, load_scene
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "tasks").glob("*.toml"))
 WALL = Scene(primitives=[Box((0.0, 1.0, 2.0), (2.0, 2.0, 0.2))], floor=0.0)
@@ -107,6 +107,20 @@ def test_dump_builds_the_same_task(tmp_path: Path) -> None:
     assert again.terms[0].parameters == task.terms[0].parameters
     assert again.terms[0].times == (1.0,)
     assert isinstance(again.load_scene().primitives[0], Sphere)
+
+
+def test_scenes_from_python_are_written_down(tmp_path: Path) -> None:
+    import trimesh
+
+    trimesh.creation.box(extents=(100.0, 200.0, 100.0)).export(tmp_path / "box.ply")
+    ball = Sphere((2.0, 1.0, 0.0), 0.3, Waypoints((0.0, 2.0), ((2.0, 1.0, 0.0), (3.0, 1.0, 0.0))))
+    for scene in (
+        Scene(primitives=[ball], floor=0.5),
+        bundled("doorway", primitives=[ball]),
+        load_scene(tmp_path / "box.ply", unit="cm", up="z", floor=-0.01, primitives=[ball]),
+    ):
+        again = Task(**Task(prompt="x", seconds=3.0, scene=scene).dump()).load_scene()
+        assert again.digest == scene.digest
 
 
 def test_python_tasks_fail_as_files_do() -> None:

@@ -1,0 +1,155 @@
+"""Pictures: what is drawn where, by looking at geometry and at pixels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import torch
+
+from objectives import Objective, Term
+from scenectl.view import Picture, draw_scene
+from scenectl.view.camera import Sight, choose
+from scenectl.view.shapes import BodyShape, components, face_colours, soft_shadow
+from scenes.body import DEFAULT_BODY
+from scenes.mesh import Mesh
+from scenes.motion import Motion, Pose2D
+from scenes.primitives import Box, Sphere, Waypoints
+from scenes.scene import Scene, bundled
+
+SMALL = (320, 200)
+
+
+def walk(tiny: ModuleType, frames: int = 41, x: float = 0.0) -> Motion:
+    """A statue that slides 2 m along +z."""
+    way = torch.zeros(frames, 1, 3)
+    way[:, 0, 2] = torch.linspace(0.0, 2.0, frames)
+    return Motion(Pose2D((x, DEFAULT_BODY.sole_offset, 0.0)).apply(tiny.statue() + way))
+
+
+def pixels(path: Path) -> np.ndarray:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB")).astype(int)
+
+
+def reddish(image: np.ndarray) -> float:
+    """Share of pixels in the colour of the last pose."""
+    return float(((image[..., 0] > 1.6 * image[..., 1]) & (image[..., 0] > 1.8 * image[..., 2])).mean())
+
+
+def test_bodies_are_the_capsules_that_are_scored(tiny: ModuleType) -> None:
+    joints = tiny.statue().double()
+    vertices, normals = BodyShape(DEFAULT_BODY).vertices(joints.numpy())
+    assert vertices.shape == normals.shape
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
+    samples = DEFAULT_BODY.points_of(joints).numpy()
+    away = np.linalg.norm(vertices[:, None] - samples[None], axis=2) - DEFAULT_BODY.radii().numpy()
+    assert away.min(axis=1).max() < 0.03  # nothing is drawn far from what is scored
+    assert BodyShape(DEFAULT_BODY).faces.max() == len(vertices) - 1
+
+
+def test_sight_is_blocked_by_what_is_between() -> None:
+    wall = Box((0.0, 1.0, 2.0), (2.0, 2.0, 0.1)).mesh().triangles
+    eye, behind, beside = np.array([0.0, 1.0, 5.0]), np.array([0.1, 1.1, 0.0]), np.array([3.0, 1.0, 0.0])
+    assert len(Sight(wall, one_sided=False).covering(eye, behind)) > 0
+    assert len(Sight(wall, one_sided=False).covering(eye, beside)) == 0
+    # an inward-facing room turns its back to a camera outside: only the far side may cover
+    room = Box((0.0, 1.0, 0.0), (6.0, 3.0, 6.0)).mesh().triangles[:, ::-1]
+    assert len(Sight(room, one_sided=True).covering(np.array([0.0, 1.0, 9.0]), behind)) == 0
+    assert len(Sight(room, one_sided=False).covering(np.array([0.0, 1.0, 9.0]), behind)) > 0
+
+
+def test_the_camera_looks_past_walls(tiny: ModuleType) -> None:
+    joints = walk(tiny).joints[::10].reshape(-1, 3).double().numpy()
+    walls = [Box((s, 1.5, 1.0), (0.1, 3.0, 8.0)).mesh().triangles for s in (-1.5, 1.5)]
+    walls.append(Box((0.0, 1.5, -3.0), (3.0, 3.0, 0.1)).mesh().triangles)
+    camera = choose(joints, Sight(np.concatenate(walls), False), np.array([0.0, 1.0]), 1.6)
+    assert camera.hidden < 0.1
+
+
+def test_shadows_lie_under_bodies(tiny: ModuleType) -> None:
+    samples = DEFAULT_BODY.points_of(tiny.statue() + torch.tensor([2.0, 0.0, -1.0])).double().numpy()
+    x, z, dark = soft_shadow([samples], DEFAULT_BODY.radii().numpy(), [0.5])
+    i, j = np.unravel_index(dark.argmax(), dark.shape)
+    assert abs(x[i] - 2.0) < 0.3 and abs(z[j] + 1.0) < 0.3
+    assert 0.3 < dark.max() <= 0.5
+    assert dark[0].max() == dark[:, 0].max() == 0.0
+
+
+def test_scenes_keep_their_colours_and_objects() -> None:
+    mesh = bundled("doorway").meshes[0]
+    assert len(np.unique(face_colours(mesh), axis=0)) > 2
+    assert len(np.unique(components(mesh))) == 8
+    plain = Mesh(np.eye(3), np.array([[0, 1, 2]]))
+    assert face_colours(plain).tolist() == [[216, 211, 203]]
+
+
+@pytest.mark.parametrize("what", ["room", "goals"])
+def test_pictures_show_the_person(what: str, tiny: ModuleType, tmp_path: Path) -> None:
+    if what == "room":  # a closed room around the person: without cutting it open nobody would be seen
+        shell = Box((0.0, 1.4, 1.0), (3.0, 2.8, 5.0)).mesh()
+        scene = Scene([Mesh(shell.vertices, shell.faces[:, ::-1])], resolution=24, cache=None)
+        picture = Picture(scene, walk(tiny))
+    else:
+        ball = Sphere((1.0, 1.0, 1.0), 0.3, Waypoints((0.0, 2.0), ((1.0, 1.0, 1.0), (2.0, 1.0, 1.0))))
+        terms = (
+            Term("joint_target", {"position": [0.0, 2.0]}, at=1.0),
+            Term("joint_target", {"joint": "head", "position": [0.0, 1.6, 2.0]}, at=1.0),
+            Term("square_region", {"half": 1.5}),
+            Term("sphere_repulsion", {"center": [-1.0, 1.0, 1.0], "radius": 0.2}),
+            Term("joint_target", {"track": {"kind": "line", "start": [0, 1, 0], "end": [0, 1, 2], "times": [0, 1]}}),
+        )
+        path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+        picture = Picture(Scene(primitives=[ball]), walk(tiny), path, Objective(terms), "title")
+    picture.draw(tmp_path / "picture.png", size=SMALL)
+    image = pixels(tmp_path / "picture.png")
+    assert image.shape == (200, 320, 3)
+    assert reddish(image) > 0.01
+
+
+def test_clearance_colours_and_slices(tiny: ModuleType, tmp_path: Path) -> None:
+    scene = Scene(primitives=[Box((0.45, 1.0, 0.0), (0.2, 2.0, 1.0))])
+    picture = Picture(scene, walk(tiny))
+    vertices, _ = BodyShape(DEFAULT_BODY).vertices(picture._joints(0))
+    clearance = picture.clearances(vertices, 0)
+    assert clearance.min() < 0.15 and clearance.max() <= 1.8
+    grid = picture.slice_at(1.0)
+    inside = scene.distance(torch.tensor([[0.45, 1.0, 0.0]]))
+    assert float(inside) == pytest.approx(-0.1, abs=1e-5)
+    assert grid.point_data["distance (m)"].min() == pytest.approx(-0.1, abs=0.05)
+    picture.draw(tmp_path / "p.png", at=0.0, show_slice=True, clearance=True, size=SMALL)
+    assert pixels(tmp_path / "p.png").std() > 10
+
+
+def test_scenes_alone(tmp_path: Path) -> None:
+    draw_scene(bundled("doorway", resolution=48), tmp_path / "scene.png")
+    assert pixels(tmp_path / "scene.png").std() > 15
+
+
+def test_the_window_moves_through_time(tiny: ModuleType) -> None:
+    import pyvista as pv
+
+    picture = Picture(Scene(primitives=[Box((1.0, 1.0, 0.0), (0.2, 2.0, 1.0))]), walk(tiny))
+    plotter = picture._plotter(off_screen=True, size=SMALL)
+    assert isinstance(plotter, pv.Plotter)
+    window = picture.interactive(plotter, show_slice=False)
+    try:
+        place = plotter.actors["body"].bounds[4]
+        window.at(2.0)
+        assert window.frame == 40
+        assert plotter.actors["body"].bounds[4] - place == pytest.approx(2.0, abs=1e-3)
+        window.step(-1)
+        assert window.frame == 39
+        window.toggle_slice()
+        assert "slice" in plotter.actors
+        window.at_height(0.5)
+        assert plotter.actors["slice"].bounds[2] == pytest.approx(0.5, abs=1e-3)
+        window.toggle_clearance()
+        window.toggle_slice()
+        assert "slice" not in plotter.actors
+    finally:
+        plotter.close()
