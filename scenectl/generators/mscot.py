@@ -182,13 +182,13 @@ class MSCoT:
         state.moved.append(float((posterior.exp() * (posterior - prior)).sum(-1).mean()))
         return posterior
 
-    def _decode(self, state: _State, embeddings: list[Float[Tensor, "S L_k d"]]) -> Motion:
+    def _decode(self, state: _State, embeddings: list[Float[Tensor, "S _L_k d"]]) -> Motion:
         """World motion of embeddings, for as many scales as there are (algorithm 2)."""
         latent = self.quantiser.latent(embeddings, state.finest)
         features = self.bundle.tokenizer.decode_latent(latent)[:, : state.frames]
         return Motion(features_to_joints(features), fps=FPS).placed(state.start)
 
-    def _refine(self, state: _State, guide: Guide) -> list[Float[Tensor, "S L_k d"]]:
+    def _refine(self, state: _State, guide: Guide) -> list[Float[Tensor, "S _L_k d"]]:
         """Continuous refinement of all scales' residuals at once (Eq. 12)."""
         lengths = [e.shape[1] for e in state.refined]
         step = DecodedStep(

@@ -90,7 +90,7 @@ class Quantised:
         commitment_loss: moves latents towards the codes (Eq. 37, third term).
     """
 
-    tokens: list[Int[Tensor, "B L_k"]]
+    tokens: list[Int[Tensor, "B _L_k"]]
     latent: Float[Tensor, "B d L"]
     codebook_loss: Float[Tensor, ""]
     commitment_loss: Float[Tensor, ""]
@@ -169,14 +169,14 @@ class Quantiser(nn.Module):
         # |c - u|^2 = |c|^2 - 2 c.u + const
         return (codes.square().sum(-1) - 2 * flat @ codes.T).argmin(-1)
 
-    def latent(self, embeddings: list[Float[Tensor, "B L_k d"]], finest: int) -> Float[Tensor, "B d L"]:
+    def latent(self, embeddings: list[Float[Tensor, "B _L_k d"]], finest: int) -> Float[Tensor, "B d L"]:
         """Sum of the scales' contributions (algorithm 2), for as many scales as are given."""
         total = self.up(0, embeddings[0], finest)
         for k, e in enumerate(embeddings[1:], start=1):
             total = total + self.up(k, e, finest)
         return total
 
-    def encode(self, f: Float[Tensor, "B d L"]) -> list[Int[Tensor, "B L_k"]]:
+    def encode(self, f: Float[Tensor, "B d L"]) -> list[Int[Tensor, "B _L_k"]]:
         """Tokens of every scale (algorithm 1)."""
         rest, tokens = f, []
         for k, length in enumerate(self.lengths(f.shape[-1])):
@@ -276,7 +276,7 @@ class Tokenizer(nn.Module):
         out: Tensor = self.encoder(((features - self.mean) / self.std).transpose(1, 2))
         return out
 
-    def encode(self, features: Float[Tensor, "B T 263"]) -> list[Int[Tensor, "B L_k"]]:
+    def encode(self, features: Float[Tensor, "B T 263"]) -> list[Int[Tensor, "B _L_k"]]:
         """Tokens of every scale (algorithm 1)."""
         return self.quantiser.encode(self.latent(features))
 
@@ -285,8 +285,8 @@ class Tokenizer(nn.Module):
         out: Tensor = self.decoder(latent)
         return out.transpose(1, 2) * self.std + self.mean
 
-    def decode(self, tokens: list[Int[Tensor, "B L_k"]]) -> Float[Tensor, "B T 263"]:
-        """Raw features of tokens (algorithm 2); fewer scales than K give a coarse motion of the same length."""
+    def decode(self, tokens: list[Int[Tensor, "B _L_k"]]) -> Float[Tensor, "B T 263"]:
+        """Raw features of the tokens of all K scales (algorithm 2)."""
         finest = tokens[-1].shape[-1]
         if len(tokens) < self.quantiser.scales:
             raise ValueError("decode needs all scales; use quantiser.latent for a prefix")

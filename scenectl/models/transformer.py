@@ -108,7 +108,7 @@ class ScaleTransformer(nn.Module):
         self,
         quantiser: Quantiser,
         prompt: TextFeatures,
-        embeddings: list[Float[Tensor, "B L_k d"]],
+        embeddings: list[Float[Tensor, "B _L_k d"]],
         k: int,
         finest: int,
     ) -> Float[Tensor, "B L_k C"]:
@@ -131,7 +131,7 @@ class ScaleTransformer(nn.Module):
         return F.interpolate(last, size=length, mode="linear", align_corners=False).transpose(1, 2)
 
     def forward(
-        self, quantiser: Quantiser, prompt: TextFeatures, tokens: list[Int[Tensor, "B L_k"]], finest: int
+        self, quantiser: Quantiser, prompt: TextFeatures, tokens: list[Int[Tensor, "B _L_k"]], finest: int
     ) -> Float[Tensor, "B N V"]:
         """Logits of all scales at once (training), the scales one after the other along N."""
         embeddings = [quantiser.lookup(k, t) for k, t in enumerate(tokens[:-1])]
@@ -144,7 +144,7 @@ class ScaleTransformer(nn.Module):
         self,
         quantiser: Quantiser,
         prompt: TextFeatures,
-        embeddings: list[Float[Tensor, "B L_k d"]],
+        embeddings: list[Float[Tensor, "B _L_k d"]],
         k: int,
         finest: int,
         cache: Cache | None = None,

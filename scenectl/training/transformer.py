@@ -98,7 +98,7 @@ def train_transformer(
 
 
 @torch.no_grad()
-def _tokens(tokenizer: Tokenizer, features: Float[Tensor, "B T 263"]) -> list[Int[Tensor, "B L_k"]]:
+def _tokens(tokenizer: Tokenizer, features: Float[Tensor, "B T 263"]) -> list[Int[Tensor, "B _L_k"]]:
     return tokenizer.encode(features)
 
 
