@@ -66,7 +66,13 @@ def load_bundle(name: str | Path = "default") -> Bundle:
     for part, module in zip(PARTS, (tokenizer, transformer, refiner), strict=True):
         load_weights(module, folder / f"{part}.safetensors")
         module.eval().requires_grad_(False)
-    return Bundle(config, tokenizer, transformer, refiner, load_text_encoder(config.text), licence, about)
+    text = load_text_encoder(config.text)
+    if text.dim != config.transformer.text_dim:
+        raise UserError(
+            f"weights in '{folder}' want text features of {config.transformer.text_dim} numbers, and text encoder "
+            f"'{config.text}' gives {text.dim}; name the encoder they were trained with"
+        )
+    return Bundle(config, tokenizer, transformer, refiner, text, licence, about)
 
 
 def build(config: ModelConfig) -> tuple[Tokenizer, ScaleTransformer, Refiner]:

@@ -41,9 +41,9 @@ def read_about(path: str | Path) -> dict[str, Any]:
         raise UserError(f"weights '{path}' do not exist; train them or name another folder")
     try:
         with safe_open(path, framework="pt") as file:
-            about: dict[str, Any] = json.loads((file.metadata() or {})[_KIND])
+            about: dict[str, Any] = dict(json.loads((file.metadata() or {})[_KIND]))
             return about
-    except (SafetensorError, KeyError, ValueError, OSError) as error:
+    except (SafetensorError, KeyError, ValueError, TypeError, OSError) as error:
         raise UserError(f"weights '{path}' are not a scenectl checkpoint or are damaged ({error})") from error
 
 
