@@ -33,6 +33,8 @@ PACE = 0.9
 """Metres a second at which tasks without `seconds` are timed; a second more covers starting and stopping."""
 FPS = 20.0
 """Frames a second of the shipped generators; tasks are checked on this clock."""
+GROUND = 0.2
+"""Metres from the ground point of a start to the nearest surface beyond which it hangs in the air."""
 SHORTEST, LONGEST = 1.8, 9.8
 """Seconds that the generators can make (36 to 196 frames)."""
 
@@ -395,6 +397,9 @@ def _check_standing(scene: Scene, place: tuple[float, float, float], body: Proxy
     heights = torch.linspace(0.35, 1.5, 8)
     column = torch.stack([torch.full_like(heights, x), y + heights, torch.full_like(heights, z)], dim=-1)
     clearance = scene.distance(column, torch.zeros(len(heights)))
+    ground = float(scene.distance(torch.tensor([[x, y, z]]), torch.zeros(1)))
+    if ground > GROUND:
+        raise UserError(f"start {_at(place)} has nothing to stand on: the nearest surface is {ground:.2f} m away")
     worst = int(clearance.argmin())
     if float(clearance[worst]) < 0.12:
         raise UserError(

@@ -45,6 +45,7 @@ TASKS: dict[str, tuple[str, str]] = {
     "negative weight": ('[[goal]]\nuse = "foot_contact"\nweight = -1.0', "weight"),
     "start inside an obstacle": ("start = { position = [0.0, 2.0] }\n" + BOX, "inside"),
     "start outside the scene": ("start = { position = [90.0, 2.0] }\n" + BOX, "outside"),
+    "start in the air": ("start = { position = [0.0, 1.0, 0.0] }", "stand on"),
     "start of three words": ('start = "somewhere"', "sample"),
     "unknown generator": ('[generator]\nname = "mscott"', "mscot"),
     "missing weights": ('[generator]\nweights = "nowhere"', "nowhere"),
