@@ -114,6 +114,22 @@ def bake_bench(
     _run_and_show(lambda tell: bench_bake(mesh or (), resolution, tell), json_file)
 
 
+@bench.command()
+def posterior(
+    generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 9,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """The first-order token posterior against the exact one, scale by scale (Tables 12 and 13)."""
+    from scenectl.bench.posterior import bench_posterior
+
+    _run_and_show(
+        lambda tell: bench_posterior(_generator(weights, threads), generations, seed=seed, progress=tell), json_file
+    )
+
+
 def train(
     stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer or export.")],
     data: Data = DATA,
