@@ -116,7 +116,7 @@ def bake_bench(
 
 @bench.command()
 def posterior(
-    generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 9,
+    generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 6,
     seed: Seed = 0,
     weights: Weights = "default",
     threads: Threads = None,

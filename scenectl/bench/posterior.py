@@ -27,7 +27,7 @@ SECONDS = 3.2
 
 
 def bench_posterior(
-    generator: MSCoT, generations: int = 9, positions: int = 2, seed: int = 0, progress: Progress | None = None
+    generator: MSCoT, generations: int = 6, positions: int = 1, seed: int = 0, progress: Progress | None = None
 ) -> dict[str, Any]:
     """Compare both posteriors at random positions of every scale while joint targets are pursued.
 
