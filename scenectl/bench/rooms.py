@@ -183,8 +183,7 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "median_max_acceleration_m_per_frame2": median("max_acceleration_m_per_frame2"),
         "median_seconds": median("seconds"),
         "by_mesh": {
-            mesh: sum(row["success"] for row in rows if row["mesh"] == mesh)
-            / sum(row["mesh"] == mesh for row in rows)
+            mesh: sum(row["success"] for row in rows if row["mesh"] == mesh) / sum(row["mesh"] == mesh for row in rows)
             for mesh in dict.fromkeys(row["mesh"] for row in rows)
         },
     }
