@@ -64,7 +64,8 @@ def bundle(seed: int = 0, **changes: object) -> Bundle:
     tokenizer, transformer, refiner = build(settings)
     rows = joints_to_features(walk(64))
     tokenizer.mean.copy_(rows.mean(0))
-    tokenizer.std.fill_(0.05)
+    tokenizer.std.fill_(0.3)
+    tokenizer.std[:1], tokenizer.std[1:3] = 0.03, 0.1
     tokenizer.quantiser.gain.copy_(torch.linspace(3.0, 1.0, len(SCALES)))
     torch.nn.init.normal_(refiner.outward.weight, std=0.05)
     for block in transformer.blocks:  # branches start near zero, which would hide what they compute

@@ -86,7 +86,7 @@ def test_all_convolutions_are_used_in_order_and_the_ends_have_their_own() -> Non
     for k in range(len(SCALES)):
         e = torch.randn(1, 5, 16)
         outcomes = [0.5 * e.transpose(1, 2) + 0.5 * conv(e.transpose(1, 2)) for conv in q.convs]
-        used.append([i for i, o in enumerate(outcomes) if torch.allclose(o, q.up(k, e, 5), atol=1e-6)][0])
+        used.append(next(i for i, o in enumerate(outcomes) if torch.allclose(o, q.up(k, e, 5), atol=1e-6)))
     assert used == sorted(used) and set(used) == {0, 1, 2}
 
 

@@ -1,0 +1,153 @@
+"""Objectives as a guide: likelihoods, their gradients against finite differences, and refinement."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from objectives import Objective, Term
+from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
+from scenectl.generators.base import Guide, Step
+from scenectl.generators.mscot import MSCoT, _State
+from scenectl.generators.steps import DecodedStep
+from scenes.motion import Motion, Pose2D
+from tests.objectives.cases import context
+from tests.scenectl.small import bundle, double, walk
+
+START = Pose2D((1.0, 0.1, -2.0), 0.7)
+GOALS = Objective(
+    (
+        Term("joint_target", {"position": [2.0, 0.9, -1.0]}, at=1.0),
+        Term("joint_target", {"joint": "right_wrist", "position": [1.5, 1.2, -1.5]}, at=0.5, weight=0.1),
+    )
+)
+
+
+def step(samples: int = 2, finest: int = 6, exact: bool = False) -> DecodedStep:
+    """The latent of random codes at all scales, decoded by random networks."""
+    made = double(bundle()) if exact else bundle()
+    q = made.tokenizer.quantiser
+    generator = MSCoT(made)
+    lengths = q.lengths(finest)
+    codes = [q.lookup(k, torch.randint(16, (samples, n))) for k, n in enumerate(lengths)]
+    state = _State(4 * finest - 2, finest, START, [], [], [])
+    return DecodedStep(torch.cat(codes, dim=1), lambda v: generator._decode(state, list(v.split(list(lengths), dim=1))))
+
+
+def guide(**settings: object) -> ObjectiveGuide:
+    scale = settings.pop("scale", 1.0)
+    solver = SolverSettings.model_validate(settings)
+    return ObjectiveGuide(GOALS, context(), solver, GuidanceSettings(scale=scale))
+
+
+def test_the_protocols_are_met() -> None:
+    assert isinstance(step(), Step) and isinstance(guide(), Guide)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.0, 2.5])
+def test_log_likelihood_is_minus_the_cost(scale: float) -> None:
+    s = step()
+    wanted = -scale * GOALS.cost(s.decode(s.value), context())
+    torch.testing.assert_close(guide(scale=scale).log_prob(s), wanted)
+    assert wanted.shape == (2,)
+
+
+def test_the_gradient_is_that_of_finite_differences() -> None:
+    s = step(exact=True)
+    g = guide(scale=1.5)
+    gradient = g.gradient(s)
+    assert gradient.shape == s.value.shape and not gradient.requires_grad
+    for _ in range(5):
+        direction = torch.randn_like(s.value)
+        h = 1e-6
+        ahead, behind = (g.log_prob(DecodedStep(s.value + sign * h * direction, s.decoder)) for sign in (1, -1))
+        numeric = (ahead - behind) / (2 * h)
+        torch.testing.assert_close((gradient * direction).flatten(1).sum(1), numeric, rtol=1e-4, atol=1e-4)
+
+
+def test_samples_do_not_influence_one_another() -> None:
+    s = step()
+    both = guide().gradient(s)
+    for i in range(2):
+        torch.testing.assert_close(
+            both[i : i + 1], guide().gradient(DecodedStep(s.value[i : i + 1], s.decoder)), rtol=1e-4, atol=1e-4
+        )
+
+
+def test_a_frame_that_is_not_a_number_does_not_silence_guidance() -> None:
+    def decoder(value: Tensor) -> Motion:
+        joints = walk(40) + value[:, None, None, :3]
+        return Motion(joints)
+
+    class Broken(Objective):
+        def cost(self, motion: Motion, at: object) -> Tensor:
+            bad = motion.joints.new_tensor(-1.0).sqrt()
+            return (motion.joints[..., 0].sum((1, 2)) * bad) + motion.joints[..., 1].sum((1, 2))
+
+    g = ObjectiveGuide(Broken(), context())
+    gradient = g.gradient(DecodedStep(torch.zeros(1, 3), decoder))
+    assert torch.isfinite(gradient).all() and gradient[0, 1] != 0
+
+
+@pytest.mark.parametrize("name", ["lbfgs", "adam", "gradient"])
+def test_refinement_lowers_the_cost_on_random_networks(name: str) -> None:
+    s = step()
+    fine = 3e-3 if name == "gradient" else None
+    g = guide(name=name, iterations=25, step=fine, prior=0.0)
+    refined = g.refine(s)
+    before, after = (GOALS.cost(s.decode(v), context()) for v in (s.value, refined))
+    assert refined.shape == s.value.shape and not refined.requires_grad
+    assert (after < 0.95 * before).all()
+    assert g.solution is not None
+    torch.testing.assert_close(g.solution.cost, after, rtol=1e-4, atol=1e-4)
+
+
+def test_refinement_stops_where_the_goals_are_met() -> None:
+    s = step(samples=1)
+    g = guide(iterations=400, patience=400, prior=0.0)
+    refined = g.refine(s)
+    assert bool(g.met(s, refined).all())
+    assert g.solution is not None and len(g.solution.history) < 200
+
+
+def test_the_prior_keeps_the_value_near_what_was_generated() -> None:
+    s = step()
+    moved = [(guide(iterations=6, prior=p).refine(s) - s.value).norm() for p in (0.0, 1.0, 1e4)]
+    assert moved[2] < moved[1] < moved[0]
+
+
+def test_no_iterations_mean_no_refinement() -> None:
+    s = step()
+    g = guide(iterations=0)
+    assert torch.equal(g.refine(s), s.value) and g.solution is None
+
+
+def test_progress_is_told_and_never_exceeds_one() -> None:
+    told: list[tuple[str, float]] = []
+    g = ObjectiveGuide(GOALS, context(), SolverSettings(iterations=10), progress=lambda *what: told.append(what))
+    g.refine(step())
+    fractions = [fraction for _, fraction in told]
+    assert {what for what, _ in told} == {"refinement"}
+    assert fractions == sorted(fractions) and 0 < fractions[0] and fractions[-1] <= 1.0
+
+
+def test_forward_and_backward_products_of_a_step_are_adjoint() -> None:
+    s = step(exact=True)
+    tangent = torch.randn_like(s.value)
+    forward = s.jvp(tangent)
+    cotangent = torch.randn_like(forward)
+    backward = s.vjp(cotangent)
+    assert forward.shape == (2, 22, 22, 3) and backward.shape == s.value.shape
+    torch.testing.assert_close((forward * cotangent).sum(), (tangent * backward).sum())
+    h = 1e-6
+    numeric = (s.decode(s.value + h * tangent).joints - s.decode(s.value - h * tangent).joints) / (2 * h)
+    torch.testing.assert_close(forward, numeric, rtol=1e-4, atol=1e-6)
+
+
+def test_the_gradient_of_the_goals_is_the_backward_product_of_their_gradient_in_the_joints() -> None:
+    s = step(exact=True)
+    motion = s.decode(s.value)
+    joints = motion.joints.detach().requires_grad_(True)
+    (cotangent,) = torch.autograd.grad(GOALS.cost(Motion(joints, motion.valid), context()).sum(), joints)
+    torch.testing.assert_close(guide().gradient(s), -s.vjp(cotangent))

@@ -1,0 +1,185 @@
+"""Solvers on problems whose answers are known, one sample at a time and in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from pydantic import ValidationError
+from torch import Tensor
+
+from scenectl.control.settings import GuidanceSettings, SolverSettings
+from scenectl.control.solvers import Solution, minimise
+
+NAMES = ["lbfgs", "adam", "gradient"]
+CENTRES = torch.tensor([[1.0, -2.0, 0.5], [0.0, 0.3, 4.0], [-1.0, -1.0, -1.0]])
+
+
+def never(x: Tensor) -> Tensor:
+    return torch.zeros(len(x), dtype=torch.bool)
+
+
+def solve(
+    cost: Callable[[Tensor], Tensor],
+    start: Tensor,
+    name: str,
+    done: Callable[[Tensor], Tensor] = never,
+    **settings: object,
+) -> Solution:
+    return minimise(cost, start, SolverSettings.model_validate({"name": name, **settings}), done)
+
+
+def quadratic(x: Tensor) -> Tensor:
+    """Each sample its own centre and its own scale."""
+    n = len(x)
+    return torch.tensor([0.5, 5.0, 20.0])[:n] * ((x - CENTRES[:n]) * torch.tensor([1.0, 0.7, 0.4])).square().sum(1)
+
+
+def rosenbrock(x: Tensor) -> Tensor:
+    return (1 - x[:, 0]).square() + 100 * (x[:, 1] - x[:, 0].square()).square()
+
+
+def hinge(x: Tensor) -> Tensor:
+    """Squared hinge: flat where it is satisfied, as distances to obstacles are."""
+    return (1.0 - x).clamp_min(0.0).square().sum(1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_quadratic_is_solved(name: str) -> None:
+    step = {"lbfgs": None, "adam": 0.05, "gradient": 0.02}[name]
+    got = solve(quadratic, torch.zeros(3, 3), name, iterations=2000, step=step, patience=500, progress=1e-9)
+    torch.testing.assert_close(got.value, CENTRES, atol=2e-2, rtol=0)
+    torch.testing.assert_close(got.cost, quadratic(got.value))
+
+
+def test_lbfgs_walks_along_the_valley_of_rosenbrock() -> None:
+    start = torch.tensor([[-1.2, 1.0], [2.0, -3.0], [0.0, 0.0]])
+    got = solve(rosenbrock, start, "lbfgs", iterations=150)
+    torch.testing.assert_close(got.value, torch.ones(3, 2), atol=1e-2, rtol=0)
+    assert got.evaluations < 300
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_hinge_is_reached_and_what_is_satisfied_stays(name: str) -> None:
+    start = torch.tensor([[-1.0, 3.0], [0.5, 0.5], [2.0, 2.0]])
+    got = solve(hinge, start, name, iterations=400, step=None if name == "lbfgs" else 0.05, patience=100)
+    assert hinge(got.value).max() < 1e-3
+    assert got.value[0, 1] == 3.0 and torch.equal(got.value[2], start[2])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("cost", [quadratic, rosenbrock, hinge])
+def test_a_batch_gives_what_a_loop_gives(name: str, cost: Callable[[Tensor], Tensor]) -> None:
+    size = 3 if cost is quadratic else 2
+    start = torch.tensor([[-1.2, 1.0, 0.0], [1.0, 1.0, 1.0], [3.0, -0.5, 2.0]])[:, :size]
+    settings = {"iterations": 30, "step": None if name == "lbfgs" else 1e-3, "patience": 5}
+
+    def only(sample: int) -> Callable[[Tensor], Tensor]:
+        return lambda x: cost(torch.cat([start[:sample], x, start[sample + 1 :]]))[sample : sample + 1]
+
+    together = solve(cost, start, name, **settings)
+    for sample in range(3):
+        alone = solve(only(sample), start[sample : sample + 1], name, **settings)
+        torch.testing.assert_close(together.value[sample], alone.value[0], atol=1e-4, rtol=1e-4)
+        torch.testing.assert_close(together.cost[sample], alone.cost[0], atol=1e-5, rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("step", [1e-3, 10.0])
+def test_no_solver_ever_returns_worse_than_it_was_given(name: str, step: float) -> None:
+    start = torch.randn(6, 2)
+    got = solve(rosenbrock, start, name, iterations=15, step=step)
+    assert (got.cost <= rosenbrock(start)).all()
+    torch.testing.assert_close(got.cost, rosenbrock(got.value))
+    history = torch.stack(got.history)
+    assert (history.diff(dim=0) <= 0).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_iterations_leave_the_start_and_know_its_cost(name: str) -> None:
+    start = torch.randn(3, 3)
+    got = solve(quadratic, start, name, iterations=0)
+    assert torch.equal(got.value, start) and got.evaluations == 1
+    torch.testing.assert_close(got.cost, quadratic(start))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_costs_that_are_no_numbers_are_survived(name: str) -> None:
+    def cliff(x: Tensor) -> Tensor:
+        """A parabola that is not a number beyond 1, nor ever for the second sample; infinite for the third."""
+        cost = (x - 0.9).square().sum(1) + torch.where(x > 1.0, torch.nan, 0.0).sum(1)
+        return cost + torch.tensor([0.0, torch.nan, torch.inf])
+
+    start = torch.zeros(3, 2)
+    got = solve(cliff, start, name, iterations=100, step=None if name == "lbfgs" else 0.1, patience=50)
+    assert torch.isfinite(got.value).all()
+    assert got.cost[0] < 0.05 and got.cost[1:].isinf().all()
+    assert torch.equal(got.value[1:], start[1:])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_search_that_gets_nowhere_ends_after_its_patience(name: str) -> None:
+    passes = 0
+
+    def flat(x: Tensor) -> Tensor:
+        nonlocal passes
+        passes += 1
+        return 0.0 * x.sum(1) + 1.0
+
+    got = solve(flat, torch.zeros(2, 3), name, iterations=1000, patience=4)
+    assert len(got.history) <= 6 and got.evaluations == passes < 60
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_samples_that_are_good_enough_stop_and_the_others_go_on(name: str) -> None:
+    def enough(x: Tensor) -> Tensor:
+        return torch.tensor([True, False])
+
+    start = torch.zeros(2, 3)
+    settings = {"iterations": 60, "step": None if name == "lbfgs" else 0.02, "patience": 60, "progress": 1e-12}
+
+    def slow(x: Tensor) -> Tensor:
+        return (x - 1).pow(4).sum(1)
+
+    got = solve(slow, start, name, enough, **settings)
+    free = solve(slow, start, name, **settings)
+    assert got.cost[0] > free.cost[0]
+    torch.testing.assert_close(got.cost[1], free.cost[1], atol=1e-6, rtol=1e-3)
+
+
+def test_a_retired_sample_costs_no_further_passes() -> None:
+    alone = solve(rosenbrock, torch.tensor([[-1.2, 1.0]]), "lbfgs", iterations=150)
+    pair = solve(rosenbrock, torch.tensor([[-1.2, 1.0], [1.0, 1.0]]), "lbfgs", iterations=150)
+    torch.testing.assert_close(pair.value[0], alone.value[0], atol=1e-3, rtol=0)
+    assert pair.evaluations <= alone.evaluations + 11
+
+
+def test_gradient_ascent_is_the_papers_with_its_step_of_a_hundredth() -> None:
+    x = torch.zeros(3, 3, requires_grad=True)
+    for _ in range(7):
+        (gradient,) = torch.autograd.grad(quadratic(x).sum(), x)
+        x = (x - 0.01 * gradient).detach().requires_grad_(True)
+    got = solve(quadratic, torch.zeros(3, 3), "gradient", iterations=7)
+    torch.testing.assert_close(got.value, x.detach())
+
+
+def test_adam_is_torchs_adam() -> None:
+    x = torch.zeros(3, 3, requires_grad=True)
+    optimiser = torch.optim.Adam([x], lr=0.05)
+    for _ in range(12):
+        optimiser.zero_grad()
+        quadratic(x).sum().backward()
+        optimiser.step()
+    got = solve(quadratic, torch.zeros(3, 3), "adam", iterations=12)
+    torch.testing.assert_close(got.value, x.detach(), atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"name": "newton"}, {"iterations": -1}, {"step": 0.0}, {"prior": -1.0}, {"patience": 0}, {"steps": 3}]
+)
+def test_settings_are_checked(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        SolverSettings.model_validate(wrong)
+    with pytest.raises(ValidationError):
+        GuidanceSettings(scale=-0.1)
