@@ -129,7 +129,7 @@ def test_progress_is_told_and_never_exceeds_one() -> None:
     g.refine(step())
     fractions = [fraction for _, fraction in told]
     assert {what for what, _ in told} == {"refinement"}
-    assert fractions == sorted(fractions) and 0 < fractions[0] and fractions[-1] <= 1.0
+    assert fractions == sorted(fractions) and fractions[0] > 0 and fractions[-1] <= 1.0
 
 
 def test_forward_and_backward_products_of_a_step_are_adjoint() -> None:
