@@ -22,7 +22,7 @@ def bench_bake(
     given: list[Mesh] = [load_mesh(path) for path in meshes]
     if not given:
         given = [mesh for name in bundled_names() for mesh in bundled(name).meshes]
-    rows = []
+    rows: list[dict[str, Any]] = []
     for i, mesh in enumerate(given):
         tell(f"baking {mesh.name}", i / len(given))
         began = time.perf_counter()

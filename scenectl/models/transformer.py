@@ -55,10 +55,11 @@ class Block(nn.Module):
         self.norm_self, self.norm_cross, self.norm_feed = (nn.LayerNorm(width) for _ in range(3))
         self.self_attention = Attention(width, config.heads)
         self.cross_attention = Attention(width, config.heads)
-        self.feed = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
+        narrow = nn.Linear(4 * width, width)
+        self.feed = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), narrow)
         self.dropout = nn.Dropout(config.dropout)
         # Residual branches start small, so that depth does not hurt early on.
-        for out in (self.self_attention.out, self.cross_attention.out, self.feed[2]):
+        for out in (self.self_attention.out, self.cross_attention.out, narrow):
             nn.init.normal_(out.weight, std=0.02 / math.sqrt(2 * config.layers))
 
     def forward(
