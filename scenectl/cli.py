@@ -179,10 +179,10 @@ def run(
     with bars() as progress:
         result = make(loaded, samples, seed, progress=progress)
         progress("writing", 0.0)
-        result.save(output, preview)
+        result.save(output, preview=False)
+        drawn = preview and _drawn(result, output / "preview.png")
     _show(result)
-    files = "motion.npz, report.json" + (" and preview.png" if preview else "")
-    out.print(f"wrote {files} in {output}")
+    out.print(f"wrote motion.npz, report.json{' and preview.png' if drawn else ''} in {output}")
 
 
 @app.command()
@@ -217,10 +217,12 @@ def view(
     at: Annotated[float | None, typer.Option(help="One moment (s) instead of several.")] = None,
     show_slice: Annotated[bool, typer.Option("--slice", help="Show a slice of the distance field.")] = False,
     clearance: Annotated[bool, typer.Option(help="Colour the body by its distance to the scene.")] = False,
+    allow_code: AllowCode = None,
 ) -> None:
     """Look at a result or a scene: body, goals, time slider, distances."""
     from scenectl import view as viewer
 
+    _allow(allow_code)
     folder = Path(what)
     picture = viewer.of_folder(folder, sample) if folder.is_dir() else viewer.of_scene(_scene(what))
     if png is not None:
@@ -285,6 +287,18 @@ def _free_space(text: str) -> Any:
     except ValueError as error:
         raise UserError(f"--free-space is '{text}'; give auto, outside, or x,y,z in metres") from error
     return x, y, z
+
+
+def _drawn(result: Result, png: Path) -> bool:
+    """Draw the preview; where that cannot be done, the motion is still worth having."""
+    from scenectl.view import draw_result
+
+    try:
+        draw_result(result, png)
+    except UserError as error:
+        err.print(literal(f"scenectl: no preview.png, because {error}"))
+        return False
+    return True
 
 
 def _writable(folder: Path) -> None:

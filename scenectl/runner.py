@@ -143,12 +143,16 @@ def run(
 def score(motion: Motion, task: Task, progress: Progress | None = None) -> Result:
     """Report on finished motions, ``[T, J, 3]`` or ``[S, T, J, 3]``, ranked as `run` ranks them.
 
-    The start is taken from the first motion's first frame, so that a walk is planned from where it began.
+    The start is taken from the first motion's first frame, so that a walk is planned from where it began. Raises
+    UserError when the task asks for something at a time that the motion does not reach.
     """
     tell = progress or _silent
     tell("reading the scene and planning", 0.0)
     batch = motion if motion.joints.ndim == 4 else replace(motion, joints=motion.joints[None], valid=motion.valid[None])
+    if task.seconds is None:  # it followed from the path; now it is known
+        task = task.model_copy(update={"seconds": batch.seconds})
     problem = task.build(start=start_of(batch[0]))
+    problem.objective.check(problem.context, batch.seconds, batch.fps, batch.t0)
     made, rows = _ranked(Generation(batch), problem, Scorer(problem.scene, problem.body), tell)
     return Result(problem, made, rows, {**_report(problem, rows), "seed": task.seed, "generator": None, "timing": {}})
 

@@ -17,7 +17,7 @@ from objectives import Objective, Term
 from objectives.parameters import FloorPoint, Point, instances
 from objectives.tracks import TrackBase
 from scenectl.view.camera import ANGLE, Camera, Sight, choose, triangles_to_vtk
-from scenectl.view.shapes import CLAY, BodyShape, components, face_colours, soft_shadow
+from scenectl.view.shapes import BodyShape, components, face_colours, inward, soft_shadow
 from scenes.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError
 from scenes.files import atomic_write
@@ -132,7 +132,7 @@ class Picture:
 
     @cached_property
     def _inward(self) -> bool:
-        return any(result.inward for result in self.scene.bakes)
+        return any(inward(mesh) for mesh in self.scene.meshes)
 
     def _look(self, poses: list[int], aspect: float) -> Camera:
         """A camera for the motion, or for the whole scene where there is none."""
@@ -516,6 +516,3 @@ def _loads(library: str) -> bool:
     except OSError:
         return False
     return True
-
-
-__all__ = ["CLAY", "SIZE", "Picture"]

@@ -168,6 +168,10 @@ def test_motion_files(tmp_path: Path, tiny: object, scenectl: Callable[..., obje
     good = tmp_path / "good.npz"
     Motion(tiny.statue().expand(80, 22, 3).clone()).save(good)  # type: ignore[attr-defined]
     assert scenectl("score", good, task).status == 0
+    late = write(tmp_path, '[[goal]]\nuse = "head_height"\nheight = 1.5\nat = 3.9')
+    Motion(tiny.statue().expand(40, 22, 3).clone()).save(tmp_path / "short.npz")  # type: ignore[attr-defined]
+    one_sentence(scenectl("score", tmp_path / "short.npz", late), "3.9 s")
+    task = write(tmp_path, "")
     (tmp_path / "cut.npz").write_bytes(good.read_bytes()[:900])
     one_sentence(scenectl("score", tmp_path / "cut.npz", task), "cut.npz")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
@@ -236,6 +240,17 @@ def test_no_screen_is_said_in_a_sentence(scenectl: Callable[..., object], monkey
     one_sentence(scenectl("view", "doorway"), "--png")
     monkeypatch.setattr("scenectl.view.picture._loads", lambda library: False)
     one_sentence(scenectl("view", "doorway", "--png", "x.png"), "libegl1")
+
+
+def test_a_run_without_a_picture_keeps_its_motion(
+    tmp_path: Path, tiny_generator: None, scenectl: Callable[..., object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr("scenectl.view.picture._loads", lambda library: False)
+    said = scenectl("run", write(tmp_path, ""), "-o", tmp_path / "out")
+    assert said.status == 0
+    assert "no preview.png" in said.err and "Traceback" not in said.err
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"motion.npz", "report.json"}
 
 
 def test_goals_and_benches(tmp_path: Path, scenectl: Callable[..., object]) -> None:
