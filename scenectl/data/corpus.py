@@ -77,8 +77,9 @@ def load_motions(folder: str | Path, splits: Sequence[str] = ("train",)) -> list
         positions = _positions(folder / "motions_20fps.npz")
         rows = [json.loads(line) for line in (folder / "clips.jsonl").read_text().splitlines() if line.strip()]
         clips = [_clip(row, positions[row["id"]]) for row in rows if row["split"] in splits]
-    except (KeyError, ValueError, OSError) as error:
-        raise UserError(f"motion folder '{folder}' is not in the expected format ({error})") from error
+    except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
+        reason = f"{type(error).__name__} {error}".splitlines()[0].strip()
+        raise UserError(f"motion folder '{folder}' is not in the expected format ({reason})") from error
     return [clip for clip in clips if clip.frames >= 2 and not _has_spike(clip.joints)]
 
 
