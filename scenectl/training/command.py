@@ -57,6 +57,8 @@ def train(
     if threads is not None:
         torch.set_num_threads(threads)
     run = _Run(recipe, Path(data), out, iterations, text)
+    if stage in ("all", "transformer"):
+        run.encoder()  # found wanting now rather than after hours
     for each in STAGES if stage == "all" else (stage,):
         getattr(run, str(each))()
     return out
@@ -75,7 +77,13 @@ class _Run:
         return prepare(self.data_folder, splits, augmentation, cache, self.recipe.seed, self.recipe.commercial_only)
 
     def encoder(self) -> TextEncoder:
-        return load_text_encoder(self.text_name)
+        encoder, wanted = load_text_encoder(self.text_name), self.recipe.model.transformer.text_dim
+        if encoder.dim != wanted:
+            raise UserError(
+                f"text encoder '{self.text_name}' gives features of {encoder.dim} numbers, and text_dim in the "
+                f"training config is {wanted}; set it to {encoder.dim}"
+            )
+        return encoder
 
     def tokenizer(self) -> None:
         """Train the VQ-VAE."""

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 from torch import Tensor
 
@@ -64,7 +64,7 @@ class Windows:
         std = self.features.std(0)
         for group in GROUPS:
             std[group] = std[group].mean()
-        return mean, std
+        return mean, std.clamp_min(1e-5)  # what never changes would divide by zero
 
     def terms(self) -> tuple[str, list[str]]:
         """Licence of weights trained on these clips, and the terms of each source."""
@@ -129,7 +129,10 @@ def prepare(
         clips = [c for c in load_motions(folder, splits) if c.commercial_ok or not commercial_only]
         if augmentation is not None:
             clips = augmented(clips, augmentation, seed)
-        _store([clip for clip in clips if clip.frames >= 5 and clip.captions], path)
+        clips = [clip for clip in clips if clip.frames >= 5 and clip.captions]
+        if not clips:
+            raise UserError(f"motion folder '{folder}' has no captioned clip in split {' or '.join(splits)}; add some")
+        _store(clips, path)
     return _load(path)
 
 
@@ -154,9 +157,12 @@ def _store(clips: Sequence[Clip], path: Path) -> None:
 
 
 def _load(path: Path) -> Windows:
-    with safe_open(path, framework="pt") as file:
-        about = json.loads(file.metadata()["about"])
-        windows = Windows(file.get_tensor("features"), file.get_tensor("starts"), **about)
+    try:
+        with safe_open(path, framework="pt") as file:
+            about = json.loads(file.metadata()["about"])
+            windows = Windows(file.get_tensor("features"), file.get_tensor("starts"), **about)
+    except (SafetensorError, KeyError, TypeError, ValueError, OSError) as error:
+        raise UserError(f"prepared data '{path}' is damaged; delete it and run again") from error
     if windows.features.shape[-1] != FEATURES:
         raise UserError(f"prepared data '{path}' does not fit this version; delete it and run again")
     return windows

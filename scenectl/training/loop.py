@@ -83,7 +83,7 @@ class Loop:
         columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
         with Progress(*columns) as progress:
             bar = progress.add_task(self.folder.name, total=self.settings.iterations, completed=self.iteration)
-            saved, logged, sums = time.monotonic(), time.monotonic(), dict[str, float]()
+            saved, logged, sums = time.monotonic(), time.monotonic(), dict[str, list[float]]()
             while self.iteration < self.settings.iterations:
                 loss, figures = self._step(step)
                 if after is not None:
@@ -91,7 +91,7 @@ class Loop:
                 self._average()
                 self.iteration += 1
                 for key, value in {"loss": loss, **figures}.items():
-                    sums[key] = sums.get(key, 0.0) + value
+                    sums.setdefault(key, []).append(value)
                 if self.iteration % self.settings.log_every == 0:
                     now = time.monotonic()
                     self.seconds, logged = self.seconds + now - logged, now
@@ -137,8 +137,9 @@ class Loop:
         for kept, now in zip(self.averaged.buffers(), self.module.buffers(), strict=True):
             kept.copy_(now)
 
-    def _log(self, sums: dict[str, float]) -> None:
-        point = {key: value / self.settings.log_every for key, value in sums.items()}
+    def _log(self, sums: dict[str, list[float]]) -> None:
+        # A run that was resumed between two points has fewer values for the first one.
+        point = {key: sum(values) / len(values) for key, values in sums.items()}
         self.curve.append({"iteration": self.iteration, "seconds": self.seconds, "lr": self.learning_rate(), **point})
 
     def _line(self) -> str:
@@ -171,9 +172,12 @@ class Loop:
                 module.load_state_dict(
                     {n.removeprefix(f"{prefix}."): t for n, t in tensors.items() if n.startswith(f"{prefix}.")}
                 )
-        except (SafetensorError, KeyError, RuntimeError, OSError, ValueError) as error:
+            self.iteration, self.seconds = int(about["iteration"]), float(about["seconds"])
+            self._resume_curve()
+        except (SafetensorError, KeyError, TypeError, RuntimeError, OSError, ValueError) as error:
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
             raise UserError(
-                f"training state '{self.state_path}' does not fit this config ({str(error).splitlines()[0]}); "
+                f"training state '{self.state_path}' does not fit this config ({reason}); "
                 "delete the folder to start afresh"
             ) from error
         for i, parameter in enumerate(self.parameters):
@@ -182,8 +186,8 @@ class Loop:
             }
             if moments:
                 self.optimiser.state[parameter] = moments
-        self.iteration, self.seconds = int(about["iteration"]), float(about["seconds"])
-        if (self.folder / "curve.json").is_file():
-            self.curve = [
-                p for p in json.loads((self.folder / "curve.json").read_text()) if p["iteration"] <= self.iteration
-            ]
+
+    def _resume_curve(self) -> None:
+        path = self.folder / "curve.json"
+        if path.is_file():
+            self.curve = [p for p in json.loads(path.read_text()) if p["iteration"] <= self.iteration]

@@ -31,6 +31,7 @@ def train_refiner(
 ) -> Loop:
     """Train, or go on training, in `folder`."""
     tokenizer.eval().requires_grad_(False)
+    torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Refiner(config, tokenizer.config.code_dim, tokenizer.quantiser.scales)
     loop = Loop(model, settings.loop, folder, seed)
 

@@ -47,6 +47,7 @@ def train_tokenizer(
     config: TokenizerConfig, settings: TokenizerTraining, data: Windows, folder: Path, seed: int
 ) -> Loop:
     """Train, or go on training, in `folder`; returns the finished loop, whose `averaged` is the result."""
+    torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Tokenizer(config)
     mean, std = data.statistics()
     model.mean.copy_(mean)

@@ -76,6 +76,7 @@ def train_transformer(
     tokenizer.eval().requires_grad_(False)
     captions = Captions(data, encoder)
     quantiser = tokenizer.quantiser
+    torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
     loop = Loop(model, settings.loop, folder, seed)
 
