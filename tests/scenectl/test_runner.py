@@ -12,6 +12,7 @@ import pytest
 
 import scenectl as sc
 from objectives import forget
+from scenectl.control import SolverSettings
 from scenectl.runner import FORMAT, allow_code, load_result, run, score
 from scenes.errors import UserError
 from scenes.motion import Motion
@@ -64,6 +65,16 @@ def test_run_refines_ranks_and_reports(task_file: Path, tiny: ModuleType) -> Non
     assert report["seed"] == 4
     assert report["samples"][0]["terms"][0]["met"] is True
     assert report["samples"][0]["metrics"]["skating_ratio"] >= 0.0
+
+
+def test_samples_come_in_the_order_of_their_cost(task_file: Path, tiny: ModuleType) -> None:
+    free = sc.load_task(task_file).model_copy(update={"solver": SolverSettings(iterations=0)})
+    result = run(free, 8, 1, tiny.TinyGenerator())
+    problem = result.problem
+    costs = problem.objective.cost(result.motion, problem.context).tolist()
+    assert costs == sorted(costs) and len(set(costs)) == 8
+    assert [sample.cost for sample in result.samples] == pytest.approx(costs)
+    assert [sample.index for sample in result.samples] != list(range(8))
 
 
 def test_same_seed_same_motion(task_file: Path, tiny: ModuleType) -> None:

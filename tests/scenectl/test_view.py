@@ -67,8 +67,9 @@ def test_the_camera_looks_past_walls(tiny: ModuleType) -> None:
     joints = walk(tiny).joints[::10].reshape(-1, 3).double().numpy()
     walls = [Box((s, 1.5, 1.0), (0.1, 3.0, 8.0)).mesh().triangles for s in (-1.5, 1.5)]
     walls.append(Box((0.0, 1.5, -3.0), (3.0, 3.0, 0.1)).mesh().triangles)
-    camera = choose(joints, Sight(np.concatenate(walls), False), np.array([0.0, 1.0]), 1.6)
-    assert camera.hidden < 0.1
+    sight = Sight(np.concatenate(walls), False)
+    camera = choose(joints, sight, np.array([0.0, 1.0]), 1.6)
+    assert np.mean([len(sight.covering(camera.position, p)) > 0 for p in joints]) < 0.1
 
 
 def test_shadows_lie_under_bodies(tiny: ModuleType) -> None:
@@ -108,7 +109,7 @@ def test_pictures_show_the_person(what: str, tiny: ModuleType, tmp_path: Path) -
     picture.draw(tmp_path / "picture.png", size=SMALL)
     image = pixels(tmp_path / "picture.png")
     assert image.shape == (200, 320, 3)
-    assert reddish(image) > 0.01
+    assert reddish(image) > (0.03 if what == "room" else 0.01)  # half of it where walls are not cut away
 
 
 def test_clearance_colours_and_slices(tiny: ModuleType, tmp_path: Path) -> None:
