@@ -38,6 +38,12 @@ def test_imports_point_one_way(package: str) -> None:
         assert not backwards, f"{path.relative_to(ROOT)} imports {backwards}"
 
 
+def test_the_command_line_starts_without_what_only_one_command_needs() -> None:
+    code = f"import sys, scenectl.cli; print([name for name in {(*HEAVY, 'trimesh')!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize("package", ALLOWED)
 def test_import_is_light(package: str) -> None:
     code = f"import sys, {package}; print([name for name in {HEAVY!r} if name in sys.modules])"
