@@ -128,12 +128,10 @@ def _lbfgs(problem: _Problem) -> None:
         direction = -_two_loops(gradient, pairs)
         slope = (direction * gradient).sum(1)
         # Where memory gives no descent, start again from the gradient.
-        bad = slope >= 0
-        direction = torch.where(bad[:, None], -gradient, direction)
-        slope = torch.where(bad, -gradient.square().sum(1), slope)
+        direction = torch.where((slope >= 0)[:, None], -gradient, direction)
         first = (0.1 / gradient.norm(dim=1).clamp_min(1e-12)).clamp_max(1.0) if i == 0 else torch.ones_like(value)
         length = torch.where(problem.active, first, torch.zeros_like(first))
-        moved, new_value, new_gradient = _search(problem, x, value, slope, direction, length)
+        moved, new_value, new_gradient = _search(problem, x, value, gradient, direction, length)
         s, y = moved - x, new_gradient - gradient
         sy = (s * y).sum(1)
         keep = sy > 1e-10 * s.norm(dim=1) * y.norm(dim=1)
@@ -163,12 +161,13 @@ def _two_loops(gradient: Tensor, pairs: list[tuple[Tensor, Tensor, Tensor]]) -> 
 
 
 def _search(
-    problem: _Problem, x: Tensor, value: Tensor, slope: Tensor, direction: Tensor, length: Tensor
+    problem: _Problem, x: Tensor, value: Tensor, gradient: Tensor, direction: Tensor, length: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Step lengths with enough decrease and a flatter slope, by bisection; samples that find none stay put."""
+    slope = (direction * gradient).sum(1)
     low, high = torch.zeros_like(length), torch.full_like(length, torch.inf)
     found = ~(length > 0)
-    best_x, best_value, gradient_at = x, value, torch.zeros_like(x)
+    best_x, best_value, gradient_at = x, value, gradient
     for _ in range(_MAX_SEARCH):
         trial = x + length[:, None] * direction
         trial_value, trial_gradient = problem.evaluate(trial)
@@ -184,8 +183,4 @@ def _search(
             break
         wider = torch.where(high.isinf(), 2 * length, (low + high) / 2)
         length = torch.where(found, length, wider)
-    stayed = (best_x == x).all(1)
-    if stayed.any():
-        _, here = problem.evaluate(x)
-        gradient_at = torch.where(stayed[:, None], here, gradient_at)
     return best_x, best_value, gradient_at

@@ -30,7 +30,8 @@ class Sampling(BaseModel):
     Attributes:
         cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5).
         temperature: of the softmax.
-        top_p: smallest set of tokens with this share of the prior is kept; 1 keeps all.
+        top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
+            is kept; 1 keeps all.
         clip_nats: largest spread of a position's tilt between codes (nats): an unclipped tilt can
             overrule the prior altogether at the coarse scales. 0 leaves it as it is.
     """

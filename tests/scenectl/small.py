@@ -54,6 +54,9 @@ def quantiser(**changes: object) -> Quantiser:
     torch.manual_seed(1)
     made = Quantiser(config(**changes).tokenizer)
     made.gain.copy_(torch.linspace(3.0, 1.0, len(SCALES)))
+    if not made.config.normalised:  # codes of all sizes, as free ones are
+        made.codebook.mul_(torch.linspace(0.3, 3.0, 16)[:, None])
+        made.sums.copy_(made.codebook)
     return made.eval()
 
 
