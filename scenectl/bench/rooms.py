@@ -14,7 +14,7 @@ import torch
 
 from scenectl.control import SolverSettings
 from scenectl.generators.base import Generator, Progress
-from scenectl.metrics import Scorer, measure
+from scenectl.metrics import Scorer
 from scenectl.runner import run
 from scenectl.task import Start, Task, Walk
 from scenes.errors import UserError
@@ -136,13 +136,12 @@ def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[f
 
 def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
     assert task.walk is not None
-    result = run(task, samples, seed, generator, problem=task.build(seed, scene=room.scene))
+    result = run(task, samples, seed, generator, None, task.build(seed, scene=room.scene), room.scorer)
     motion, path = result.motion[0], result.problem.path
     assert path is not None
-    depths = room.scorer.depths(motion)
     missed = _missed(motion, task.walk.to)
-    deep = bool((np.maximum(depths.obstacles, depths.floor) > DEEP).any())
-    figures = measure(motion, room.scorer)
+    figures = result.samples[0].metrics
+    deep = max(float(figures[key] or 0.0) for key in ("deepest_penetration_m", "deepest_floor_penetration_m")) > DEEP
     return {
         "start": [float(path[0, 0]), float(path[0, 2])],
         "target": list(task.walk.to),
