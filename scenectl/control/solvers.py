@@ -124,14 +124,18 @@ def _lbfgs(problem: _Problem) -> None:
     value, gradient = problem.evaluate(x)
     problem.accept(x, value)
     pairs: list[tuple[Tensor, Tensor, Tensor]] = []
-    for i in range(problem.settings.iterations):
+    fresh = torch.ones_like(problem.active)  # samples without memory: their first step is short
+    for _ in range(problem.settings.iterations):
         direction = -_two_loops(gradient, pairs)
         slope = (direction * gradient).sum(1)
         # Where memory gives no descent, start again from the gradient.
         direction = torch.where((slope >= 0)[:, None], -gradient, direction)
-        first = (0.1 / gradient.norm(dim=1).clamp_min(1e-12)).clamp_max(1.0) if i == 0 else torch.ones_like(value)
-        length = torch.where(problem.active, first, torch.zeros_like(first))
+        short = (0.1 / gradient.norm(dim=1).clamp_min(1e-12)).clamp_max(1.0)
+        length = torch.where(fresh, short, torch.ones_like(short)) * problem.active
         moved, new_value, new_gradient = _search(problem, x, value, gradient, direction, length)
+        # A kink in the cost (a wall, a hinge) can spoil the memory: a sample whose search found nothing forgets it.
+        fresh = (moved == x).all(1)
+        pairs = [(s, y, torch.where(fresh, torch.zeros_like(rho), rho)) for s, y, rho in pairs]
         s, y = moved - x, new_gradient - gradient
         sy = (s * y).sum(1)
         keep = sy > 1e-10 * s.norm(dim=1) * y.norm(dim=1)
