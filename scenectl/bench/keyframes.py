@@ -85,8 +85,9 @@ def _row(
     real = Motion(canonicalise(clip.joints[:frames]))
     at = torch.randperm(frames, generator=draw)[:keyframes].sort().values
     wanted = real.joint(joint)[at]
-    points = [{"at": float(f) / FPS, "position": p} for f, p in zip(at.tolist(), wanted.tolist(), strict=True)]
-    objective = Objective((Term("joint_target", {"joint": joint, "keyframes": points}, tolerance=0.002),))
+    times = [frame / FPS for frame in at.tolist()]
+    target = {"joint": joint, "position": wanted.tolist()}
+    objective = Objective((Term("joint_target", target, tolerance=0.002, at=times),))
     guide = ObjectiveGuide(objective, Context(Scene.empty(), DEFAULT_BODY), solver)
     free = generator.generate(clip.captions[0], frames / FPS, Pose2D(), None, 1, seed).motion[0]
     began = time.perf_counter()
