@@ -26,8 +26,11 @@ from scenes.grid import SdfGrid
 from scenes.mesh import Mesh
 from scenes.surface import Surface
 
-FORMAT = 1
+FORMAT = 2
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
+
+_EXACT_BAND = 2.5
+"""Voxels within which distances are measured in double precision: goals, signs and accuracy claims live there."""
 
 FreeSpace: TypeAlias = str | Sequence[float | int]
 """`"auto"`, `"outside"`, or a point x, y, z in the air (m, world)."""
@@ -276,8 +279,8 @@ class _Lattice:
 def _unsigned(surface: Surface, lattice: _Lattice) -> np.ndarray:
     """Distance (m, float32) from every node to the nearest triangle.
 
-    Open3D's tree (Embree) in single precision, measured against libigl in double: 4e-6 voxels apart at most, because
-    the surface is kept around its own centre.
+    Open3D's tree (Embree) is fast but single precision: on long thin triangles it is wrong by millimetres. So within
+    `_EXACT_BAND` voxels, where goals and signs look, libigl measures again in double precision.
     """
     import open3d as o3d
 
@@ -288,6 +291,9 @@ def _unsigned(surface: Surface, lattice: _Lattice) -> np.ndarray:
     for part, nodes in lattice.slabs():
         local = np.ascontiguousarray(nodes - surface.centre, dtype=np.float32)
         distance[part] = scene.compute_distance(tensor(local)).numpy()
+    near = np.flatnonzero(distance < _EXACT_BAND * lattice.spacing)
+    for chunk in np.array_split(near, max(1, len(near) >> 20)):
+        distance.reshape(-1)[chunk] = surface.unsigned_distance(lattice.nodes(chunk))
     return distance
 
 
