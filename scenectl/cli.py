@@ -6,6 +6,7 @@ Bad input is answered with one sentence on standard error and exit status 2, nev
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import time
@@ -222,6 +223,8 @@ def view(
     """Look at a result or a scene: body, goals, time slider, distances."""
     from scenectl import view as viewer
 
+    if at is not None and not math.isfinite(at):
+        raise UserError(f"--at is {at}; give a time in seconds")
     _allow(allow_code)
     folder = Path(what)
     picture = viewer.of_folder(folder, sample) if folder.is_dir() else viewer.of_scene(_scene(what))

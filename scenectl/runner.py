@@ -110,6 +110,10 @@ def run(
     """
     seed = task.seed if seed is None else seed
     samples = task.samples if samples is None else samples
+    if not 0 <= seed < 2**63:
+        raise UserError(f"the seed is {seed}; give a whole number from 0 to {2**63 - 1}")
+    if not 1 <= samples <= 256:
+        raise UserError(f"{samples} samples cannot be made at once; give 1 to 256")
     tell = progress or _silent
     clock = _Clock()
     tell("reading the scene and planning", 0.0)
@@ -197,7 +201,7 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UserError(f"'{folder / 'report.json'}' cannot be read ({error}); run the task again") from error
-    if not isinstance(report, dict) or report.get("format") != FORMAT:
+    if not isinstance(report, dict) or report.get("format") != FORMAT or not isinstance(report.get("task"), dict):
         raise UserError(f"'{folder / 'report.json'}' is not a report of this version of scenectl; run the task again")
     return motion, report
 

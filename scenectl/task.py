@@ -194,7 +194,7 @@ class Task(_Table):
     solver: SolverSettings = SolverSettings()
     guidance: GuidanceSettings = GuidanceSettings()
     samples: Annotated[int, Field(ge=1, le=256)] = 1
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     folder: Path | None = None
 
     def __init__(self, **data: Any) -> None:

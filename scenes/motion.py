@@ -149,6 +149,10 @@ class Motion:
             raise UserError(f"motion file '{path}': {error}") from error
         except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
             raise UserError(f"motion file '{path}' is not a motion written by scenectl ({error})") from error
+        if joints.numel() == 0:
+            raise UserError(f"motion file '{path}' holds no frames")
+        if not (0 < motion.fps < float("inf")):
+            raise UserError(f"motion file '{path}' has {motion.fps:g} frames a second; it must be more than 0")
         if not torch.isfinite(joints).all():
             raise UserError(f"motion file '{path}' holds joint positions that are not finite")
         return motion

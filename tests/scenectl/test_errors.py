@@ -180,6 +180,27 @@ def test_motion_files(tmp_path: Path, tiny: object, scenectl: Callable[..., obje
     joints[3] = float("nan")
     Motion(joints).save(tmp_path / "nan.npz")
     one_sentence(scenectl("score", tmp_path / "nan.npz", task), "not finite")
+    parts = dict(np.load(good))
+    np.savez(tmp_path / "still.npz", **{**parts, "fps": np.float64(0)})
+    one_sentence(scenectl("score", tmp_path / "still.npz", task), "frames a second")
+    np.savez(tmp_path / "none.npz", **{**parts, "joints": parts["joints"][:0], "valid": parts["valid"][:0]})
+    one_sentence(scenectl("score", tmp_path / "none.npz", task), "no frames")
+
+
+def test_seeds_and_counts(tmp_path: Path, tiny_generator: None, scenectl: Callable[..., object]) -> None:
+    task, out = write(tmp_path, ""), tmp_path / "out"
+    for seed in (-1, 2**70):
+        one_sentence(scenectl("run", task, "-o", out, "--seed", seed), "seed")
+    one_sentence(scenectl("run", task, "-o", out, "--samples", 999999999), "samples")
+    one_sentence(scenectl("check", write(tmp_path, "", HEAD + "seed = -1\n")), "seed")
+
+
+def test_reports_without_a_task(tmp_path: Path, tiny: object, scenectl: Callable[..., object]) -> None:
+    Motion(tiny.statue().expand(80, 22, 3).clone()).save(tmp_path / "motion.npz")  # type: ignore[attr-defined]
+    for text in ('{"format": 1}', '{"format": 1, "task": 5}'):
+        (tmp_path / "report.json").write_text(text)
+        one_sentence(scenectl("view", tmp_path, "--png", tmp_path / "x.png"), "report.json")
+    one_sentence(scenectl("view", tmp_path, "--at", "nan", "--png", tmp_path / "x.png"), "--at")
 
 
 def test_weights(tmp_path: Path, scenectl: Callable[..., object]) -> None:
