@@ -1,0 +1,58 @@
+"""Loops over voxels, triangles and points, compiled by numba.
+
+A kernel takes and returns plain arrays and numbers, allocates little, and holds no lock: `parts` runs several on
+threads of their own. What a kernel means is said by the function of `scenes` that calls it; nothing here is public.
+Compiled code is cached on disk, so that each machine compiles once.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numba
+
+
+def kernel(function: Callable[..., Any], *, inline: bool = False, fastmath: bool | set[str] = False) -> Any:
+    """Compile a function when it is first called; the machine code stays on disk beside its source.
+
+    Where that folder cannot be written, numba keeps the code in the user's cache folder.
+
+    Args:
+        function: takes arrays and numbers only, without annotations.
+        inline: for small helpers that kernels call: their body is copied into the caller by LLVM.
+        fastmath: LLVM flags that permit reordering; never where exactness is promised.
+    """
+    plain = inspect.unwrap(function)  # the tests' shape checker wraps every function of this package
+    return numba.njit(cache=True, nogil=True, fastmath=fastmath, forceinline=inline, error_model="numpy")(plain)
+
+
+def helper(function: Callable[..., Any]) -> Any:
+    """A `kernel` that is copied into the kernels that call it."""
+    return kernel(function, inline=True)
+
+
+def workers(stated: int | None = None) -> int:
+    """Threads to use: as stated, else one for each processor that this process may run on."""
+    return max(1, stated or len(os.sched_getaffinity(0)))
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="scenes")
+
+
+def parts(work: Callable[[int], Any], count: int | Iterable[int], threads: int | None = None) -> list[Any]:
+    """Call ``work(i)`` for every part, on several threads, and return the results in order.
+
+    Which thread takes which part changes from run to run; results never may, so parts write to places of their own.
+    """
+    indices = range(count) if isinstance(count, int) else list(count)
+    threads = min(workers(threads), len(indices))
+    if threads <= 1:
+        return [work(i) for i in indices]
+    return list(_pool(threads).map(work, indices))

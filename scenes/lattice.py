@@ -1,0 +1,75 @@
+"""Where the nodes of a grid lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.errors import UserError
+
+LARGEST = 2**30
+"""Nodes of the largest lattice: 4 GiB of distances."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Nodes on a cubic lattice: ``[i, j, k]`` lies exactly at ``origin + spacing * (i, j, k)``.
+
+    Attributes:
+        origin: position of node ``[0, 0, 0]``, metres, world.
+        spacing: edge of a voxel, metres.
+        shape: nodes along x, y and z, 2 or more each.
+
+    Raises:
+        UserError: a spacing that is not positive, numbers that are not finite, or too few or too many nodes.
+    """
+
+    origin: tuple[float, float, float]
+    spacing: float
+    shape: tuple[int, int, int]
+
+    def __post_init__(self) -> None:
+        if len(self.origin) != 3 or len(self.shape) != 3:
+            raise UserError(f"a lattice has an origin {self.origin} and a shape {self.shape}; give three numbers each")
+        if not (np.isfinite(self.origin).all() and np.isfinite(self.spacing) and self.spacing > 0):
+            raise UserError(f"a lattice at {self.origin} with spacing {self.spacing} m makes no sense; give finite ones")
+        if min(self.shape) < 2 or int(np.prod(self.shape, dtype=object)) > LARGEST:
+            raise UserError(f"a lattice of {self.shape} nodes; give at least 2 along each axis and at most 2^30 in all")
+        object.__setattr__(self, "origin", tuple(float(x) for x in self.origin))
+        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+
+    @classmethod
+    def around(cls, bounds: np.ndarray, resolution: int, padding: float = 0.0) -> Lattice:
+        """The lattice centred on `bounds` ``[2, 3]`` (m) with `resolution` nodes along the longest padded side."""
+        low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
+        spacing = float((high - low).max()) / (resolution - 1)
+        shape = np.maximum(np.ceil((high - low) / spacing - 1e-6).astype(int) + 1, 2)
+        return cls._centred((low + high) / 2, spacing, shape)
+
+    @classmethod
+    def cube(cls, bounds: np.ndarray, resolution: int, padding: float = 0.0) -> Lattice:
+        """`resolution` nodes along every axis, centred on `bounds` ``[2, 3]`` (m): what tools bake to be compared."""
+        low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
+        spacing = float((high - low).max()) / (resolution - 1)
+        return cls._centred((low + high) / 2, spacing, np.full(3, resolution))
+
+    @classmethod
+    def _centred(cls, centre: np.ndarray, spacing: float, shape: np.ndarray) -> Lattice:
+        origin = centre - (shape - 1) / 2 * spacing
+        return cls((origin[0], origin[1], origin[2]), spacing, (shape[0], shape[1], shape[2]))
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """First and last node, ``[2, 3]``, metres."""
+        low = np.array(self.origin)
+        return np.stack([low, low + self.spacing * (np.array(self.shape) - 1)])
+
+    def nodes(self, index: np.ndarray) -> np.ndarray:
+        """World positions ``[..., 3]`` (m, float64) of the nodes with integer indices ``[..., 3]``."""
+        positions: np.ndarray = np.array(self.origin) + self.spacing * index
+        return positions
+
+    def nodes_at(self, flat: np.ndarray) -> np.ndarray:
+        """World positions ``[n, 3]`` (m, float64) of the nodes with flat indices ``[n]``."""
+        return self.nodes(np.stack(np.unravel_index(flat, self.shape), axis=-1))
