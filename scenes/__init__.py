@@ -6,6 +6,7 @@ from scenes.errors import UserError
 from scenes.field import DistanceField
 from scenes.floor import Floor, FreeArea, free_area, path_length
 from scenes.grid import SdfGrid
+from scenes.lattice import Lattice
 from scenes.mesh import Mesh, load_mesh
 from scenes.motion import Motion, Pose2D
 from scenes.primitives import (
@@ -34,6 +35,7 @@ __all__ = [
     "DistanceField",
     "Floor",
     "FreeArea",
+    "Lattice",
     "Mesh",
     "Motion",
     "Plane",

@@ -23,10 +23,11 @@ import torch
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.grid import SdfGrid
+from scenes.lattice import Lattice
 from scenes.mesh import Mesh
 from scenes.surface import Surface
 
-FORMAT = 2
+FORMAT = 3
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
 
 _EXACT_BAND = 2.5
@@ -107,6 +108,7 @@ def bake(
     padding: float | int = 0.1,
     free_space: FreeSpace = "auto",
     cache: Path | Literal["default"] | None = "default",
+    lattice: Lattice | None = None,
 ) -> Bake:
     """Signed distance grid of a mesh, positive in free space.
 
@@ -118,6 +120,7 @@ def bake(
             triangles face into a room, and then the room's air is free and all else solid. A point (x, y, z) in the
             air (m, world): space that is enclosed as that point is.
         cache: folder of earlier bakes; "default" for `default_cache`, None for none.
+        lattice: the nodes themselves, instead of those that `resolution` and `padding` give.
 
     Raises:
         UserError: resolution or padding out of range, an unknown rule, a mesh without area, or a seed point outside
@@ -128,20 +131,17 @@ def bake(
         raise UserError(f"bake padding is {padding} m; give 0 to 100 m")
     free_space = check_free_space(free_space)
     folder = default_cache() if cache == "default" else cache
-    key = _key(mesh, resolution, padding, free_space)
+    lattice = lattice or Lattice.around(mesh.bounds, resolution, padding)
+    key = _key(mesh, lattice, free_space)
     path = None if folder is None else Path(folder) / f"{key}.npz"
     if path is not None and (found := _load(path, key)) is not None:
         return found
     surface = Surface.of(mesh)
-    low, high = mesh.bounds + np.array([[-padding], [padding]])
-    rule = decide(surface, free_space, np.stack([low, high]), mesh.name)
-    spacing = float((high - low).max()) / (resolution - 1)
-    shape = np.maximum(np.ceil((high - low) / spacing - 1e-9).astype(int) + 1, 2)
-    origin = (low + high) / 2 - spacing * (shape - 1) / 2
-    lattice = _Lattice(origin, spacing, (int(shape[0]), int(shape[1]), int(shape[2])))
+    rule = decide(surface, free_space, lattice.bounds, mesh.name)
     distance = _unsigned(surface, lattice)
     distance[~_free(surface, rule, lattice, distance)] *= -1
-    grid = SdfGrid(torch.from_numpy(distance), torch.from_numpy(origin), spacing, rule.beyond)
+    origin = torch.tensor(lattice.origin, dtype=torch.float64)
+    grid = SdfGrid(torch.from_numpy(distance), origin, lattice.spacing, rule.beyond)
     result = Bake(
         grid, rule.name, surface.closed, surface.boundary_edges, rule.inward, rule.message, (rule.low, rule.high)
     )
@@ -253,30 +253,16 @@ def check_free_space(free_space: Any) -> FreeSpace:
 # -------------------------------------------------------------------------------------------------- values and signs
 
 
-@dataclass(frozen=True)
-class _Lattice:
-    """Where the nodes are."""
-
-    origin: np.ndarray
-    spacing: float
-    shape: tuple[int, int, int]
-
-    def nodes(self, flat: np.ndarray) -> np.ndarray:
-        """World positions ``[n, 3]`` (m) of nodes given by flat index."""
-        index = np.stack(np.unravel_index(flat, self.shape), axis=-1)
-        positions: np.ndarray = self.origin + self.spacing * index
-        return positions
-
-    def slabs(self, nodes: int = 1 << 20) -> Iterator[tuple[slice, np.ndarray]]:
-        """Slices along x with the world positions ``[x, Y, Z, 3]`` of their nodes, about `nodes` at a time."""
-        thick = max(1, nodes // (self.shape[1] * self.shape[2]))
-        axes = [self.origin[i] + self.spacing * np.arange(self.shape[i]) for i in range(3)]
-        for start in range(0, self.shape[0], thick):
-            part = slice(start, min(start + thick, self.shape[0]))
-            yield part, np.stack(np.meshgrid(axes[0][part], axes[1], axes[2], indexing="ij"), axis=-1)
+def _slabs(lattice: Lattice, nodes: int = 1 << 20) -> Iterator[tuple[slice, np.ndarray]]:
+    """Slices along x with the world positions ``[x, Y, Z, 3]`` of their nodes, about `nodes` at a time."""
+    thick = max(1, nodes // (lattice.shape[1] * lattice.shape[2]))
+    axes = [lattice.origin[i] + lattice.spacing * np.arange(lattice.shape[i]) for i in range(3)]
+    for start in range(0, lattice.shape[0], thick):
+        part = slice(start, min(start + thick, lattice.shape[0]))
+        yield part, np.stack(np.meshgrid(axes[0][part], axes[1], axes[2], indexing="ij"), axis=-1)
 
 
-def _unsigned(surface: Surface, lattice: _Lattice) -> np.ndarray:
+def _unsigned(surface: Surface, lattice: Lattice) -> np.ndarray:
     """Distance (m, float32) from every node to the nearest triangle.
 
     Open3D's tree (Embree) is fast but single precision: on long thin triangles it is wrong by millimetres. So within
@@ -288,16 +274,16 @@ def _unsigned(surface: Surface, lattice: _Lattice) -> np.ndarray:
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(tensor(surface.vertices.astype(np.float32)), tensor(surface.faces.astype(np.uint32)))
     distance = np.empty(lattice.shape, dtype=np.float32)
-    for part, nodes in lattice.slabs():
+    for part, nodes in _slabs(lattice):
         local = np.ascontiguousarray(nodes - surface.centre, dtype=np.float32)
         distance[part] = scene.compute_distance(tensor(local)).numpy()
     near = np.flatnonzero(distance < _EXACT_BAND * lattice.spacing)
     for chunk in np.array_split(near, max(1, len(near) >> 20)):
-        distance.reshape(-1)[chunk] = surface.unsigned_distance(lattice.nodes(chunk))
+        distance.reshape(-1)[chunk] = surface.unsigned_distance(lattice.nodes_at(chunk))
     return distance
 
 
-def _free(surface: Surface, rule: Rule, lattice: _Lattice, distance: np.ndarray) -> np.ndarray:
+def _free(surface: Surface, rule: Rule, lattice: Lattice, distance: np.ndarray) -> np.ndarray:
     """True at the nodes in free space."""
     from scipy import ndimage
 
@@ -314,14 +300,14 @@ def _free(surface: Surface, rule: Rule, lattice: _Lattice, distance: np.ndarray)
             if sizes[region] < 1000:  # cheaper node by node
                 break
             members = np.flatnonzero(labels == region)
-            votes = rule.free(surface.winding_fast(lattice.nodes(members[:: max(1, len(members) // 500)])))
+            votes = rule.free(surface.winding_fast(lattice.nodes_at(members[:: max(1, len(members) // 500)])))
             if surface.closed or votes.all() or not votes.any():
                 free.reshape(-1)[members] = votes.mean() > 0.5
                 open_nodes.reshape(-1)[members] = False
         del labels
     rest = np.flatnonzero(open_nodes)
     for chunk in np.array_split(rest, max(1, len(rest) >> 20)):
-        free.reshape(-1)[chunk] = is_free(surface, rule, lattice.nodes(chunk))
+        free.reshape(-1)[chunk] = is_free(surface, rule, lattice.nodes_at(chunk))
     return free
 
 
@@ -339,9 +325,9 @@ def is_free(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
 # ------------------------------------------------------------------------------------------------------------- cache
 
 
-def _key(mesh: Mesh, resolution: int, padding: float, free_space: FreeSpace) -> str:
+def _key(mesh: Mesh, lattice: Lattice, free_space: FreeSpace) -> str:
     # The name is part of the message that is stored, so it is part of the key.
-    text = repr((FORMAT, mesh.digest, mesh.name, resolution, float(padding), free_space))
+    text = repr((FORMAT, mesh.digest, mesh.name, lattice, free_space))
     return hashlib.sha256(text.encode()).hexdigest()
 
 

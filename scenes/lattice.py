@@ -33,7 +33,9 @@ class Lattice:
         if len(self.origin) != 3 or len(self.shape) != 3:
             raise UserError(f"a lattice has an origin {self.origin} and a shape {self.shape}; give three numbers each")
         if not (np.isfinite(self.origin).all() and np.isfinite(self.spacing) and self.spacing > 0):
-            raise UserError(f"a lattice at {self.origin} with spacing {self.spacing} m makes no sense; give finite ones")
+            raise UserError(
+                f"a lattice at {self.origin} with spacing {self.spacing} m makes no sense; give finite ones"
+            )
         if min(self.shape) < 2 or int(np.prod(self.shape, dtype=object)) > LARGEST:
             raise UserError(f"a lattice of {self.shape} nodes; give at least 2 along each axis and at most 2^30 in all")
         object.__setattr__(self, "origin", tuple(float(x) for x in self.origin))
