@@ -33,16 +33,14 @@ class Lattice:
         if len(self.origin) != 3 or len(self.shape) != 3:
             raise UserError(f"a lattice has an origin {self.origin} and a shape {self.shape}; give three numbers each")
         if not (np.isfinite(self.origin).all() and np.isfinite(self.spacing) and self.spacing > 0):
-            raise UserError(
-                f"a lattice at {self.origin} with spacing {self.spacing} m makes no sense; give finite ones"
-            )
+            raise UserError(f"a lattice at {self.origin} with spacing {self.spacing} m; give finite metres")
         if min(self.shape) < 2 or int(np.prod(self.shape, dtype=object)) > LARGEST:
             raise UserError(f"a lattice of {self.shape} nodes; give at least 2 along each axis and at most 2^30 in all")
         object.__setattr__(self, "origin", tuple(float(x) for x in self.origin))
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
 
     @classmethod
-    def around(cls, bounds: np.ndarray, resolution: int, padding: float = 0.0) -> Lattice:
+    def around(cls, bounds: np.ndarray, resolution: int, padding: float | int = 0.0) -> Lattice:
         """The lattice centred on `bounds` ``[2, 3]`` (m) with `resolution` nodes along the longest padded side."""
         low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
         spacing = float((high - low).max()) / (resolution - 1)
@@ -50,7 +48,7 @@ class Lattice:
         return cls._centred((low + high) / 2, spacing, shape)
 
     @classmethod
-    def cube(cls, bounds: np.ndarray, resolution: int, padding: float = 0.0) -> Lattice:
+    def cube(cls, bounds: np.ndarray, resolution: int, padding: float | int = 0.0) -> Lattice:
         """`resolution` nodes along every axis, centred on `bounds` ``[2, 3]`` (m): what tools bake to be compared."""
         low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
         spacing = float((high - low).max()) / (resolution - 1)
@@ -59,7 +57,8 @@ class Lattice:
     @classmethod
     def _centred(cls, centre: np.ndarray, spacing: float, shape: np.ndarray) -> Lattice:
         origin = centre - (shape - 1) / 2 * spacing
-        return cls((origin[0], origin[1], origin[2]), spacing, (shape[0], shape[1], shape[2]))
+        x, y, z = (float(o) for o in origin)
+        return cls((x, y, z), spacing, (int(shape[0]), int(shape[1]), int(shape[2])))
 
     @property
     def bounds(self) -> np.ndarray:
