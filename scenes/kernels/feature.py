@@ -1,0 +1,146 @@
+"""Beyond the band: the nearest node beside a surface, exactly, and from it a triangle to measure.
+
+The feature transform is separable (Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions", 2012):
+along z the nearest seed of a row, then along y and along x the lower envelope of parabolas.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scenes.kernels import helper, kernel
+from scenes.kernels.triangles import framed, planar_squared
+
+SEED = 0.7501
+"""Squared distance (voxels²) up to which a node is a seed: every point of a surface has one within sqrt(3) / 2."""
+
+
+@helper
+def _nearest_in_row(row, out):
+    """The seed nearest to each node of one row along z, or -1 without any; the lower of two."""
+    last = -1
+    for z in range(len(row)):
+        if row[z] <= SEED:
+            last = z
+        out[z] = last
+    last = -1
+    for z in range(len(row) - 1, -1, -1):
+        if row[z] <= SEED:
+            last = z
+        if last >= 0 and (out[z] < 0 or last - z < z - out[z]):
+            out[z] = last
+
+
+@helper
+def _envelope(height, count, site, start):
+    """Lower envelope of ``height[i] + (q - i)²`` over q: sites and where each begins; returns how many.
+
+    ``height`` is negative where there is no parabola. Site m is the lowest for ``start[m] <= q < start[m + 1]``.
+    """
+    top = -1
+    for q in range(count):
+        if height[q] < 0:
+            continue
+        lift = float(height[q]) + float(q) * q
+        begin = -1e30
+        while top >= 0:
+            p = site[top]
+            begin = (lift - float(height[p]) - float(p) * p) / (2.0 * (q - p))
+            if begin > start[top]:
+                break
+            top -= 1
+        top += 1
+        site[top] = q
+        start[top] = begin if top > 0 else -1e30
+    start[top + 1] = 1e30
+    return top + 1
+
+
+@kernel
+def seeds_in_plane(squared, x, packed):
+    """The seed of plane x that is nearest to each of its nodes, as ``y << 16 | z``; -1 where the plane has none."""
+    rows, depth = squared.shape[1], squared.shape[2]
+    along = np.empty((rows, depth), np.int32)
+    empty = True
+    for y in range(rows):
+        _nearest_in_row(squared[x, y], along[y])
+        empty &= along[y, 0] < 0
+    if empty:
+        packed[x] = -1
+        return
+    height = np.empty(rows, np.int64)
+    site = np.empty(rows, np.int64)
+    start = np.empty(rows + 1, np.float64)
+    for z in range(depth):
+        for y in range(rows):
+            away = along[y, z] - z
+            height[y] = away * away if along[y, z] >= 0 else -1
+        count = _envelope(height, rows, site, start)
+        m = 0
+        for y in range(rows):
+            while m + 1 < count and start[m + 1] < y:
+                m += 1
+            packed[x, y, z] = site[m] << 16 | along[site[m], z]
+
+
+@kernel
+def nearest_triangles(packed, nearest, y, squared, far):
+    """Fill ``far[X, Z]`` with the triangle of the seed nearest to each node of plane y that is beyond `reach`."""
+    planes, depth = packed.shape[0], packed.shape[2]
+    slab = packed[:, y, :].copy()
+    height = np.empty(planes, np.int64)
+    site = np.empty(planes, np.int64)
+    start = np.empty(planes + 1, np.float64)
+    for z in range(depth):
+        for x in range(planes):
+            seed = slab[x, z]
+            dy, dz = (seed >> 16) - y, (seed & 0xFFFF) - z
+            height[x] = dy * dy + dz * dz if seed >= 0 else -1
+        count = _envelope(height, planes, site, start)
+        m = 0
+        for x in range(planes):
+            while m + 1 < count and start[m + 1] < x:
+                m += 1
+            seed = slab[site[m], z]
+            far[x, z] = nearest[site[m], seed >> 16, seed & 0xFFFF]
+
+
+@kernel
+def records(vertices, faces, begin, end, out):
+    """Frames of triangles as rows of 16 single-precision numbers, one cache line each: a, u, v, l, cx, cy, ..."""
+    for f in range(begin, end):
+        ax, ay, az, ux, uy, uz, vx, vy, vz, _, _, _, length, cx, cy, over_ac, over_bc = framed(vertices, faces, f)
+        row = out[f]
+        row[0], row[1], row[2] = ax, ay, az
+        row[3], row[4], row[5] = ux, uy, uz
+        row[6], row[7], row[8] = vx, vy, vz
+        row[9], row[10], row[11] = length, cx, cy
+        row[12], row[13] = over_ac, over_bc
+
+
+@helper
+def _squared(record, f, x, y, z):
+    """Squared distance from a node to the triangle of a record, in single precision."""
+    at = f * 16
+    dx, dy, dz = x - record[at], y - record[at + 1], z - record[at + 2]
+    u = dx * record[at + 3] + dy * record[at + 4] + dz * record[at + 5]
+    v = dx * record[at + 6] + dy * record[at + 7] + dz * record[at + 8]
+    n = dx * dx + dy * dy + dz * dz - u * u - v * v
+    flat = planar_squared(
+        u, v, record[at + 9], record[at + 10], record[at + 11], record[at + 12], record[at + 13], np.float32(1.0)
+    )
+    return max(n, np.float32(0.0)) + flat
+
+
+@kernel
+def measured(record, y, band, far, squared):
+    """Distances to the triangles `far` on the nodes of plane y beyond `band`."""
+    fy = np.float32(y)
+    for x in range(far.shape[0]):
+        row, ids = squared[x, y], far[x]
+        fx = np.float32(x)
+        for z in range(len(row)):
+            d = _squared(record, np.int64(ids[z]), fx, fy, np.float32(z))
+            row[z] = d if row[z] > band else row[z]
