@@ -350,7 +350,7 @@ def _solid(part: Primitive | Mesh, index: int, manifold3d: Any) -> Any:
     mesh = part if isinstance(part, Mesh) else part.mesh()
     from scenes.surface import clean
 
-    vertices, faces, _ = clean(mesh.vertices, mesh.faces)
+    vertices, faces, _, _ = clean(mesh.vertices, mesh.faces)
     solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
     if solid.status() != manifold3d.Error.NoError or solid.volume() <= 0:
         raise UserError(

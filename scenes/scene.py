@@ -14,9 +14,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.bake import Bake, FreeSpace, Rule, bake, check_free_space, check_resolution, decide, is_free
+from scenes.bake import Bake, bake, check_resolution
 from scenes.errors import UserError, did_you_mean
 from scenes.field import DistanceField
+from scenes.free_space import FreeSpace, Rule, check_free_space, decide, is_free
 from scenes.mesh import Mesh, load_mesh
 from scenes.primitives import Plane, Primitive
 from scenes.surface import Surface
@@ -192,7 +193,7 @@ class Scene:
 
     def report(self) -> list[str]:
         """What was decided about each mesh, one sentence each; bakes them if that has not happened yet."""
-        return [result.message for result in self.bakes]
+        return [result.summary for result in self.bakes]
 
     def __repr__(self) -> str:
         return f"Scene('{self.name}', meshes={len(self.meshes)}, primitives={len(self.primitives)})"

@@ -86,8 +86,8 @@ def seeds_in_plane(squared, x, packed):
 
 
 @kernel
-def nearest_triangles(packed, nearest, y, squared, far):
-    """Fill ``far[X, Z]`` with the triangle of the seed nearest to each node of plane y that is beyond `reach`."""
+def nearest_triangles(packed, nearest, y, far):
+    """Fill ``far[X, Z]`` with the triangle of the seed nearest to each node of plane y."""
     planes, depth = packed.shape[0], packed.shape[2]
     slab = packed[:, y, :].copy()
     height = np.empty(planes, np.int64)
@@ -108,11 +108,30 @@ def nearest_triangles(packed, nearest, y, squared, far):
 
 
 @kernel
-def records(vertices, faces, begin, end, out):
-    """Frames of triangles as rows of 16 single-precision numbers, one cache line each: a, u, v, l, cx, cy, ..."""
-    for f in range(begin, end):
-        ax, ay, az, ux, uy, uz, vx, vy, vz, _, _, _, length, cx, cy, over_ac, over_bc = framed(vertices, faces, f)
-        row = out[f]
+def numbered(squared, nearest, triangles):
+    """The triangles nearest to seeds; `nearest` becomes their place in this list at the seeds."""
+    place = np.full(triangles, -1, np.int32)
+    used = np.empty(triangles, np.int32)
+    count = 0
+    d, ids = squared.reshape(-1), nearest.reshape(-1)
+    for node in range(len(d)):
+        if d[node] <= SEED:
+            f = ids[node]
+            if place[f] < 0:
+                place[f] = count
+                used[count] = f
+                count += 1
+            ids[node] = place[f]
+    return used[:count].copy()
+
+
+@kernel
+def records(vertices, faces, used, out):
+    """Frames of some triangles as rows of 16 single-precision numbers, one cache line each."""
+    for at in range(len(used)):
+        frame = framed(vertices, faces, used[at])
+        ax, ay, az, ux, uy, uz, vx, vy, vz, _, _, _, length, cx, cy, over_ac, over_bc = frame
+        row = out[at]
         row[0], row[1], row[2] = ax, ay, az
         row[3], row[4], row[5] = ux, uy, uz
         row[6], row[7], row[8] = vx, vy, vz
@@ -144,3 +163,13 @@ def measured(record, y, band, far, squared):
         for z in range(len(row)):
             d = _squared(record, np.int64(ids[z]), fx, fy, np.float32(z))
             row[z] = d if row[z] > band else row[z]
+
+
+@kernel
+def roots(squared, begin, end):
+    """Squared distances of planes ``begin <= x < end`` become distances."""
+    for x in range(begin, end):
+        for y in range(squared.shape[1]):
+            row = squared[x, y]
+            for z in range(len(row)):
+                row[z] = math.sqrt(row[z])

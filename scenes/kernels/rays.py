@@ -1,7 +1,7 @@
 """Winding numbers by counting what rays along the axes cross, exactly.
 
-Triangles are projected along an axis and their corners snapped to whole multiples of a tiny fraction of a voxel, so that
-the side of an edge on which a line of nodes lies is decided in whole numbers, alike for both triangles at that edge. A
+Triangles are projected along an axis and their corners snapped to multiples of a tiny fraction of a voxel, so that the
+side of an edge on which a line of nodes lies is decided in whole numbers, alike for both triangles at that edge. A
 line through an edge or a corner counts as moved by (e, e²), e infinitesimal. So a closed mesh has no cracks, and what a
 line counts is the winding number of every node on it.
 """
@@ -31,17 +31,20 @@ def _side(ax, ay, bx, by, px, py):
 
 
 @kernel
-def crossings(vertices, faces, members, axes, bits, begin, end, along, counts):
+def crossings(vertices, faces, members, axes, bits, begin, end, along, counts, crossed, flag):
     """Add the crossings of lines along axis ``axes[2]`` with some triangles to ``counts[a, b, c]``.
 
-    A crossing at height c adds the direction of the triangle's normal at node ceil(c), so that minus the sum up to a node
-    is the winding number there. `counts` has the axes in the order `axes`. Where `along` is 0 only lines with
-    ``begin <= a < end`` count, else only crossings with ``begin <= ceil(c) < end``.
+    A crossing at height c adds the direction of the triangle's normal at node ceil(c), so that minus the sum up to
+    a node is the winding number there, and sets `flag` in ``crossed[a, b, ceil(c)]``. Both arrays have the axes in the
+    order `axes`. Where `along` is 0 they hold the lines ``begin <= a < end`` only, else all lines, of which those
+    crossings count that have ``begin <= ceil(c) < end``.
     """
     a, b, c = axes
     one = np.int64(1) << bits
+    handed = 1 if (b - a) % 3 == 1 else -1
     scale = float(one)
     columns, rows, depth = counts.shape
+    first = begin if along == 0 else 0
     for member in range(len(members)):
         f = members[member]
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -52,10 +55,11 @@ def crossings(vertices, faces, members, axes, bits, begin, end, along, counts):
         if area == 0:
             continue
         turn = 1 if area > 0 else -1
+        step = turn * handed
         iz, jz, kz = vertices[i, c], vertices[j, c], vertices[k, c]
         low_x, high_x = -((-min(ix, jx, kx)) >> bits), max(ix, jx, kx) >> bits
         low_y, high_y = max(-((-min(iy, jy, ky)) >> bits), 0), min(max(iy, jy, ky) >> bits, rows - 1)
-        low_x, high_x = max(low_x, begin if along == 0 else 0), min(high_x, end - 1 if along == 0 else columns - 1)
+        low_x, high_x = max(low_x, first), min(high_x, end - 1 if along == 0 else columns - 1)
         for x in range(low_x, high_x + 1):
             px = np.int64(x) << bits
             for y in range(low_y, high_y + 1):
@@ -71,4 +75,36 @@ def crossings(vertices, faces, members, axes, bits, begin, end, along, counts):
                     height = (wi * iz + wj * jz + wk * kz) / float(area)
                     z = min(max(math.ceil(height), 0), depth - 1)
                     if along == 0 or begin <= z < end:
-                        counts[x, y, z] += turn
+                        counts[x - first, y, z] += step
+                        if flag != 0:
+                            crossed[x - first, y, z] |= flag
+
+
+@kernel
+def signed(counts, low, high, scale, distance):
+    """Scale distances and turn those negative whose winding number lies outside ``low .. high``; lines along axis 2."""
+    for x in range(counts.shape[0]):
+        for y in range(counts.shape[1]):
+            w = 0
+            for z in range(counts.shape[2]):
+                w -= counts[x, y, z]
+                distance[x, y, z] *= scale if low <= w <= high else -scale
+
+
+@kernel
+def vote(counts, low, high, votes):
+    """One vote for free (1) or solid (16) on the nodes of lines along axis 0 that leave as they came in.
+
+    A line whose crossings do not add up to nothing went through a hole: its counts depend on where it began.
+    """
+    length, lines = counts.shape
+    total = np.zeros(lines, np.int32)
+    for i in range(length):
+        for j in range(lines):
+            total[j] += counts[i, j]
+    w = np.zeros(lines, np.int32)
+    for i in range(length):
+        for j in range(lines):
+            w[j] -= counts[i, j]
+            free = low <= w[j] <= high
+            votes[i, j] += (1 if free else 16) if total[j] == 0 else 0

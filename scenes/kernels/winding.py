@@ -1,7 +1,7 @@
 """The generalised winding number through a tree of dipoles.
 
-Barill et al., "Fast winding numbers for soups and clouds", 2018, first order: far from a cluster of triangles its sum of
-area vectors at their common centre stands for all of them; near it the solid angle of each triangle is exact.
+Barill et al., "Fast winding numbers for soups and clouds", 2018, first order: far from a cluster of triangles its sum
+of area vectors at their common centre stands for all of them; near it the solid angle of each triangle is exact.
 """
 
 from __future__ import annotations

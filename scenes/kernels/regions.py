@@ -1,0 +1,169 @@
+"""Nodes that must have the same sign, and the best cut where a mesh leaves that open.
+
+No surface passes between neighbouring nodes whose edge crosses no triangle. Where they are also more than a voxel from
+surfaces together, not even a crack can lie between them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.kernels import helper, kernel
+
+JOINED = 8
+"""Flag of a node that has been joined to a neighbour, beside the flags 1, 2, 4 of crossed edges towards -z, -y, -x."""
+
+_APART = 1.001
+_IMPOSSIBLE = 1.01
+
+
+@helper
+def _root(parent, n):
+    while parent[n] != n:
+        parent[n] = parent[parent[n]]
+        n = parent[n]
+    return n
+
+
+@helper
+def _join(parent, a, b):
+    """Unite two sets; the root is their lowest node."""
+    a, b = _root(parent, a), _root(parent, b)
+    if a < b:
+        parent[b] = a
+    elif b < a:
+        parent[a] = b
+
+
+@helper
+def _neighbour(crossed, shape, n, side):
+    """The neighbour of node n on one of six sides if there is one and the edge to it crosses no triangle, else -1."""
+    rows, depth = shape[1], shape[2]
+    axis = side % 3
+    if axis == 0:
+        at, length, step, flag = n % depth, depth, 1, 1
+    elif axis == 1:
+        at, length, step, flag = n // depth % rows, rows, depth, 2
+    else:
+        at, length, step, flag = n // (depth * rows), shape[0], depth * rows, 4
+    if side < 3:
+        return n - step if at > 0 and crossed[n] & flag == 0 else -1
+    return n + step if at < length - 1 and crossed[n + step] & flag == 0 else -1
+
+
+@helper
+def _numbered(parent):
+    """Replace each node's link by the number of its set, ascending with the root, the lowest node of the set."""
+    count = 0
+    for n in range(len(parent)):
+        if parent[n] == n:
+            parent[n] = count
+            count += 1
+        else:  # links point down: what the link points at has been numbered
+            parent[n] = parent[parent[n]]
+    return count
+
+
+@kernel
+def regions(distance, crossed, shape, parent):
+    """Number the regions of constant sign, ascending with their first node, into `parent`; returns how many."""
+    for n in range(len(distance)):
+        parent[n] = n
+        for side in range(3):
+            q = _neighbour(crossed, shape, n, side)
+            if q >= 0 and distance[n] + distance[q] > _APART:
+                _join(parent, n, q)
+                crossed[n] |= JOINED
+                crossed[q] |= JOINED
+    for n in range(len(distance)):
+        if crossed[n] & JOINED == 0:  # beside a surface: go with the neighbour on this side of it that is farthest away
+            best, farthest = -1, distance[n]
+            for side in range(6):
+                q = _neighbour(crossed, shape, n, side)
+                if q >= 0 and distance[q] > farthest:
+                    best, farthest = q, distance[q]
+            if best >= 0:
+                _join(parent, n, best)
+    return _numbered(parent)
+
+
+@kernel
+def tally(region, votes, distance, count):
+    """Votes for free and for solid in each region, and its node farthest from any surface."""
+    free, solid = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    deepest = np.full(count, -1, np.int64)
+    for n in range(len(region)):
+        r = region[n]
+        free[r] += votes[n] & 15
+        solid[r] += votes[n] >> 4
+        if deepest[r] < 0 or distance[n] > distance[deepest[r]]:
+            deepest[r] = n
+    return free, solid, deepest
+
+
+@kernel
+def descending(distance, chosen, order):
+    """Nodes that are chosen, by falling distance in steps of a quarter of a voxel, into `order`; returns how many."""
+    levels = 4096
+    start = np.zeros(levels + 1, np.int64)
+    for n in range(len(distance)):
+        if chosen[n]:
+            start[levels - min(int(distance[n] * 4), levels - 1)] += 1
+    for level in range(1, levels + 1):
+        start[level] += start[level - 1]
+    count = start[levels]
+    for n in range(len(distance) - 1, -1, -1):
+        if chosen[n]:
+            level = levels - min(int(distance[n] * 4), levels - 1)
+            start[level] -= 1
+            order[start[level]] = n
+    return count
+
+
+@kernel
+def flood(order, count, crossed, shape, label, parent):
+    """Grow labelled nodes (1 free, 2 solid) into the unlabelled from wide places to narrow ones.
+
+    Sets with different labels meet where the way between them is narrowest, and stay apart. `parent` is -1 everywhere
+    before, and -1 or a root after; a root's label is that of its set.
+    """
+    for at in range(count):
+        n = order[at]
+        parent[n] = n
+        for side in range(6):
+            q = _neighbour(crossed, shape, n, side)
+            if q < 0 or parent[q] < 0:
+                continue
+            a, b = _root(parent, n), _root(parent, q)
+            if a == b or (label[a] != 0 and label[b] != 0 and label[a] != label[b]):
+                continue
+            low, high = min(a, b), max(a, b)
+            parent[high] = low
+            label[low] = max(label[low], label[high])
+    for at in range(count):
+        n = order[at]
+        parent[n] = _root(parent, n)
+
+
+@kernel
+def borders(distance, crossed, shape, parent, label, air, wall):
+    """For each set: its edges to sets of the other label through open air, and its edges that cross a triangle."""
+    for n in range(len(parent)):
+        a = parent[n]
+        if a < 0:
+            continue
+        for side in range(6):
+            q = _neighbour(crossed, shape, n, side)
+            if q < 0:
+                wall[a] += 1
+            elif parent[q] >= 0 and label[parent[q]] != label[a] and distance[n] + distance[q] > _IMPOSSIBLE:
+                air[a] += 1
+
+
+@kernel
+def weighed(region, purity, votes, free, confidence):
+    """Share of the evidence (rays, and the region as a whole) that agrees with each node's sign, in percent."""
+    for n in range(len(region)):
+        for_free, for_solid = votes[n] & 15, votes[n] >> 4
+        agree = for_free if free[n] else for_solid
+        confidence[n] = np.uint8(round(100.0 * (agree + purity[region[n]]) / (for_free + for_solid + 1.0)))

@@ -1,0 +1,199 @@
+"""Which nodes of a lattice are in free space, and how sure that is.
+
+On a closed mesh the crossings of one ray give the winding number at every node, exactly. On any other mesh rays along
+three axes vote, each only where its line leaves the lattice as it came in. Nodes between which no surface can pass form
+regions with one sign, which a region's votes decide nearly always. Where they are divided, space leaks through a hole:
+there the generalised winding number marks what is clearly free or solid, and both grow from wide places to narrow ones
+until they meet where the hole is narrowest. A part that hangs together with its surroundings through more air than it
+is bounded by triangles is no part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.distances import Soup
+from scenes.free_space import Rule
+from scenes.kernels import parts, rays
+from scenes.kernels import regions as grow
+from scenes.surface import Surface
+
+DIVIDED = 0.05
+"""Share of contrary votes from which on a region is divided."""
+
+UNCERTAIN = 50
+"""Percent of agreeing evidence up to which a node counts as uncertain."""
+
+_CLEAR = 0.2  # distance of a winding number from the rule's limits that marks a node
+_STRIDE = 8  # nodes between those that are marked
+
+
+@dataclass(frozen=True, eq=False)
+class Signs:
+    """How sure the signs of a bake are.
+
+    Attributes:
+        kind: "closed", "nearly closed" or "open".
+        boundary_edges: edges whose uses in the two directions differ; 0 where closed.
+        confidence: percent of the evidence that agrees with each node's sign, ``[X, Y, Z]`` uint8, or None where all
+            of it does everywhere.
+    """
+
+    kind: str
+    boundary_edges: int
+    confidence: np.ndarray | None = None
+
+    @property
+    def uncertain(self) -> np.ndarray | None:
+        """True at the nodes of which at most half of the evidence agrees, ``[X, Y, Z]``; None where there are none."""
+        return None if self.confidence is None else self.confidence <= UNCERTAIN
+
+    @property
+    def summary(self) -> str:
+        """For example ``"closed"``, or ``"nearly closed, 12 boundary edges, 0.02 % of voxels uncertain"``."""
+        if self.kind == "closed":
+            return "closed"
+        share = 0.0 if self.uncertain is None else 100.0 * float(self.uncertain.mean())
+        text = "no voxel" if share == 0 else f"{share:.2g} % of voxels"
+        return f"{self.kind}, {self.boundary_edges} boundary edges, {text} uncertain"
+
+
+def sign(
+    distance: np.ndarray, soup: Soup, surface: Surface, rule: Rule, spacing: float, threads: int | None = None
+) -> Signs:
+    """Turn distances in voxels into signed distances in metres, in place.
+
+    Args:
+        distance: of `scenes.distances.unsigned`, ``[X, Y, Z]`` float32.
+        soup: the triangles in the lattice's coordinates.
+        surface: the same in metres, for winding numbers.
+        rule: which winding numbers are free.
+        spacing: metres a voxel.
+        threads: at most so many; default, all processors.
+    """
+    scale = np.float32(spacing)
+    if surface.closed:
+        _from_one_ray(distance, soup, rule, scale, threads)
+        return Signs("closed", 0)
+    votes, crossed = _votes(soup, rule, threads)
+    free = (votes & 15) >= 2
+    confidence = None
+    if not ((votes == 3) | (votes == 48)).all():
+        free, confidence = _from_regions(distance, soup, surface, rule, votes, crossed)
+    np.multiply(distance, np.where(free, scale, -scale), out=distance)
+    return Signs(surface.kind, surface.boundary_edges, confidence)
+
+
+def _from_one_ray(distance: np.ndarray, soup: Soup, rule: Rule, scale: np.float32, threads: int | None) -> None:
+    bits = rays.fraction_bits(max(distance.shape))
+    none = np.zeros((0, 0, 0), dtype=np.uint8)
+
+    def slab(i: int) -> None:
+        begin, end = soup.planes(i)
+        counts = np.zeros((end - begin, *distance.shape[1:]), dtype=np.int16)
+        members = soup.members(i)
+        rays.crossings(soup.vertices, soup.faces, members, (0, 1, 2), bits, begin, end, 0, counts, none, 0)
+        rays.signed(counts, rule.low, rule.high, scale, distance[begin:end])
+
+    parts(slab, soup.slabs, threads)
+
+
+def _votes(soup: Soup, rule: Rule, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Votes of the rays along z, y and x, and which edges towards -z, -y and -x cross a triangle; uint8 both."""
+    shape = soup.lattice.shape
+    bits = rays.fraction_bits(max(shape))
+    votes, crossed = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.uint8)
+    along_x = np.zeros(shape, dtype=np.int16)
+
+    def slab(i: int) -> None:
+        begin, end = soup.planes(i)
+        mesh = (soup.vertices, soup.faces, soup.members(i))
+        for axes, flag in (((0, 1, 2), 1), ((0, 2, 1), 2)):
+            order = (0, axes[1], axes[2])
+            counts = np.zeros((end - begin, *shape[1:]), dtype=np.int16)
+            marks = crossed[begin:end].transpose(order)
+            rays.crossings(*mesh, axes, bits, begin, end, 0, counts.transpose(order), marks, flag)
+            for x in range(end - begin):
+                lines = (counts[x].T, votes[begin + x].T) if flag == 1 else (counts[x], votes[begin + x])
+                rays.vote(lines[0], rule.low, rule.high, lines[1])
+        order = (1, 2, 0)
+        rays.crossings(*mesh, order, bits, begin, end, 1, along_x.transpose(order), crossed.transpose(order), 4)
+
+    parts(slab, soup.slabs, threads)
+    parts(lambda y: rays.vote(along_x[:, y], rule.low, rule.high, votes[:, y]), shape[1], threads)
+    return votes, crossed
+
+
+def _from_regions(
+    distance: np.ndarray, soup: Soup, surface: Surface, rule: Rule, votes: np.ndarray, crossed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Free nodes and the confidence in them, both ``[X, Y, Z]``."""
+    shape = distance.shape
+    d, v, edges = distance.reshape(-1), votes.reshape(-1), crossed.reshape(-1)
+    region = np.empty(d.size, dtype=np.int32)
+    count = grow.regions(d, edges, shape, region)
+    for_free, for_solid, deepest = grow.tally(region, v, d, count)
+    total = for_free + for_solid
+    solid = for_solid > for_free
+    silent = np.flatnonzero(total == 0)
+    solid[silent] = ~rule.free(_winding(soup, surface, deepest[silent]))
+    divided = np.minimum(for_free, for_solid) > DIVIDED * np.maximum(total, 1)
+    divided &= np.minimum(for_free, for_solid) >= 24
+    purity = np.where(total > 0, np.maximum(for_free, for_solid) / np.maximum(total, 1), 0.6)
+    purity[divided] = 0.5
+    free = ~solid[region]
+    if divided.any():
+        _cut(free, d, edges, shape, divided[region], soup, surface, rule)
+    confidence = np.empty(d.size, dtype=np.uint8)
+    grow.weighed(region, purity, v, free, confidence)
+    return free.reshape(shape), confidence.reshape(shape)
+
+
+def _winding(soup: Soup, surface: Surface, nodes: np.ndarray) -> np.ndarray:
+    """Winding number at nodes given by flat index."""
+    if len(nodes) == 0:
+        return np.zeros(0)
+    return surface.dipoles.at(soup.lattice.nodes_at(nodes) - surface.centre)
+
+
+def _cut(
+    free: np.ndarray,
+    distance: np.ndarray,
+    crossed: np.ndarray,
+    shape: tuple[int, ...],
+    torn: np.ndarray,
+    soup: Soup,
+    surface: Surface,
+    rule: Rule,
+) -> None:
+    """Decide the nodes of divided regions, in place in `free`: marked by winding numbers, cut at the narrowest."""
+    label = np.zeros(shape, dtype=np.int8)
+    coarse = np.flatnonzero(_every(shape, _STRIDE) & torn)
+    w = _winding(soup, surface, coarse)
+    label.reshape(-1)[coarse] = np.where(rule.margin(w) > _CLEAR, np.where(rule.free(w), 1, 2), 0)
+    label = label.reshape(-1)
+    order = np.empty(int(torn.sum()), dtype=np.int32)
+    parent = np.full(len(distance), -1, dtype=np.int32)
+    count = grow.descending(distance, torn, order)
+    grow.flood(order, count, crossed, shape, label, parent)
+    root = np.where(parent >= 0, parent, 0)
+    open_roots = np.unique(parent[(parent >= 0) & (label[root] == 0)])
+    label[open_roots] = np.where(rule.free(_winding(soup, surface, open_roots)), 1, 2)
+    for _ in range(4):  # a part that falls to its surroundings may free the next
+        air, wall = np.zeros(len(parent), np.int32), np.zeros(len(parent), np.int32)
+        grow.borders(distance, crossed, shape, parent, label, air, wall)
+        sizes = np.bincount(parent[torn], minlength=len(parent))
+        hanging = np.flatnonzero((air > wall) & (np.arange(len(parent)) != sizes.argmax()))
+        if len(hanging) == 0:
+            break
+        label[hanging] = 3 - label[hanging]
+    free[torn] = label[root[torn]] == 1
+
+
+def _every(shape: tuple[int, ...], stride: int) -> np.ndarray:
+    """True at every `stride`-th node along each axis, flat."""
+    mask = np.zeros(shape, dtype=bool)
+    mask[stride // 2 :: stride, stride // 2 :: stride, stride // 2 :: stride] = True
+    return mask.reshape(-1)
