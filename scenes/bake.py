@@ -122,11 +122,11 @@ def bake(
 
 
 def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float, threads: int | None) -> Bake:
-    low, high = mesh.bounds
+    surface = Surface.of(mesh)
+    low, high = surface.bounds
     slack = 1e-6 * lattice.spacing
     if (low < lattice.bounds[0] - slack).any() or (high > lattice.bounds[1] + slack).any():
         raise UserError(f"mesh '{mesh.name}' reaches beyond the lattice {lattice.bounds.tolist()} m; give a larger one")
-    surface = Surface.of(mesh)
     rule = decide(surface, free_space, lattice.bounds, mesh.name)
     soup = Soup.of(surface, lattice)
     distance = unsigned(soup, threads)
@@ -142,7 +142,7 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
 
 
-def _check_metres(what: str, value: float, most: float) -> None:
+def _check_metres(what: str, value: float | int, most: float | int) -> None:
     if not (math.isfinite(value) and 0 <= value <= most):
         raise UserError(f"bake {what} is {value} m; give 0 to {most:g} m")
 

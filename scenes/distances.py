@@ -82,15 +82,14 @@ def unsigned(soup: Soup, threads: int | None = None) -> np.ndarray:
         splat(soup.vertices, soup.faces, soup.members(slab), BAND, begin, end, squared, nearest)
 
     parts(band, soup.slabs, threads)
-    used = numbered(squared, nearest, len(soup.faces))
+    place, triangle, used = numbered(squared, nearest, len(soup.faces))
     record = np.empty((len(used), 16), dtype=np.float32)
     records(soup.vertices, soup.faces, used, record)
-    packed = np.empty(shape, dtype=np.int32)
-    parts(lambda x: seeds_in_plane(squared, x, packed), shape[0], threads)
+    parts(lambda x: seeds_in_plane(squared, x, nearest), shape[0], threads)
 
     def beyond(y: int) -> None:
         far = np.empty((shape[0], shape[2]), dtype=np.int32)
-        nearest_triangles(packed, nearest, y, far)
+        nearest_triangles(nearest, place, triangle, y, far)
         measured(record.reshape(-1), y, np.float32(BAND * BAND), far, squared)
 
     parts(beyond, shape[1], threads)

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
+from scenes.kernels import weld
 from scenes.surface import Surface
 
 FreeSpace: TypeAlias = str | Sequence[float | int]
@@ -113,16 +114,16 @@ def _from_seed(surface: Surface, seed: Sequence[float], bounds: np.ndarray, name
 
 def _winding_in_front(surface: Surface, samples: int = 512) -> float:
     """Median winding number just in front of points spread evenly over the surface."""
-    corners = surface.vertices[surface.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
+    areas = weld.areas(surface.vertices, surface.faces)
     rng = np.random.default_rng(0)
-    chosen = rng.choice(len(areas), size=samples, p=areas / areas.sum())
-    weights = rng.dirichlet(np.ones(3), size=samples)
-    points = np.einsum("nk,nkc->nc", weights, corners[chosen])
-    step = 1e-4 * float(np.ptp(surface.vertices, axis=0).max())
-    points += step * normals[chosen] / areas[chosen, None]
-    return float(np.median(surface.dipoles.at(points)))
+    total = np.cumsum(areas)
+    chosen = np.searchsorted(total, rng.uniform(0.0, total[-1], samples), side="right").clip(0, len(areas) - 1)
+    corners = surface.vertices[surface.faces[chosen]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = np.einsum("nk,nkc->nc", rng.dirichlet(np.ones(3), size=samples), corners)
+    step = 1e-4 * float(np.ptp(surface.bounds, axis=0).max())
+    return float(np.median(surface.dipoles.at(points + step * normals)))
 
 
 def check_free_space(free_space: Any) -> FreeSpace:

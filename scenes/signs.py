@@ -78,11 +78,10 @@ def sign(
         _from_one_ray(distance, soup, rule, scale, threads)
         return Signs("closed", 0)
     votes, crossed = _votes(soup, rule, threads)
-    free = (votes & 15) >= 2
     confidence = None
-    if not ((votes == 3) | (votes == 48)).all():
-        free, confidence = _from_regions(distance, soup, surface, rule, votes, crossed)
-    np.multiply(distance, np.where(free, scale, -scale), out=distance)
+    if not rays.unanimous(votes.reshape(-1)):
+        confidence = _from_regions(distance, soup, surface, rule, votes, crossed)
+    rays.turned(votes.reshape(-1), scale, distance.reshape(-1))
     return Signs(surface.kind, surface.boundary_edges, confidence)
 
 
@@ -128,8 +127,8 @@ def _votes(soup: Soup, rule: Rule, threads: int | None) -> tuple[np.ndarray, np.
 
 def _from_regions(
     distance: np.ndarray, soup: Soup, surface: Surface, rule: Rule, votes: np.ndarray, crossed: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Free nodes and the confidence in them, both ``[X, Y, Z]``."""
+) -> np.ndarray:
+    """Settle `votes` in place; returns the confidence in them, ``[X, Y, Z]``."""
     shape = distance.shape
     d, v, edges = distance.reshape(-1), votes.reshape(-1), crossed.reshape(-1)
     region = np.empty(d.size, dtype=np.int32)
@@ -148,7 +147,8 @@ def _from_regions(
         _cut(free, d, edges, shape, divided[region], soup, surface, rule)
     confidence = np.empty(d.size, dtype=np.uint8)
     grow.weighed(region, purity, v, free, confidence)
-    return free.reshape(shape), confidence.reshape(shape)
+    np.copyto(v, np.where(free, np.uint8(3), np.uint8(48)))
+    return confidence.reshape(shape)
 
 
 def _winding(soup: Soup, surface: Surface, nodes: np.ndarray) -> np.ndarray:

@@ -105,6 +105,11 @@ class Surface:
         """Some of its triangles ``[n, 3]``, as a surface that is open."""
         return Surface(self.vertices, faces, faces[:0], self.centre, len(faces))
 
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest corner, ``[2, 3]``, world metres."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]) + self.centre
+
     @property
     def edges(self) -> int:
         """Number of edges, each shared by two triangles."""

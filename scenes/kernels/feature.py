@@ -59,8 +59,11 @@ def _envelope(height, count, site, start):
 
 
 @kernel
-def seeds_in_plane(squared, x, packed):
-    """The seed of plane x that is nearest to each of its nodes, as ``y << 16 | z``; -1 where the plane has none."""
+def seeds_in_plane(squared, x, nearest):
+    """Replace the seeds' numbers in plane x of `nearest` by that of the plane's nearest seed at each of its nodes.
+
+    -1 where the plane has none.
+    """
     rows, depth = squared.shape[1], squared.shape[2]
     along = np.empty((rows, depth), np.int32)
     empty = True
@@ -68,8 +71,9 @@ def seeds_in_plane(squared, x, packed):
         _nearest_in_row(squared[x, y], along[y])
         empty &= along[y, 0] < 0
     if empty:
-        packed[x] = -1
+        nearest[x] = -1
         return
+    number = nearest[x].copy()
     height = np.empty(rows, np.int64)
     site = np.empty(rows, np.int64)
     start = np.empty(rows + 1, np.float64)
@@ -82,47 +86,66 @@ def seeds_in_plane(squared, x, packed):
         for y in range(rows):
             while m + 1 < count and start[m + 1] < y:
                 m += 1
-            packed[x, y, z] = site[m] << 16 | along[site[m], z]
+            nearest[x, y, z] = number[site[m], along[site[m], z]]
 
 
 @kernel
-def nearest_triangles(packed, nearest, y, far):
-    """Fill ``far[X, Z]`` with the triangle of the seed nearest to each node of plane y."""
-    planes, depth = packed.shape[0], packed.shape[2]
-    slab = packed[:, y, :].copy()
+def nearest_triangles(nearest, place, triangle, y, far):
+    """Fill ``far[X, Z]`` with the triangle of the seed nearest to each node of plane y.
+
+    Args are the output of `seeds_in_plane` for all planes, and of `numbered`.
+    """
+    planes, depth = nearest.shape[0], nearest.shape[2]
+    slab = nearest[:, y, :].copy()
     height = np.empty(planes, np.int64)
     site = np.empty(planes, np.int64)
     start = np.empty(planes + 1, np.float64)
     for z in range(depth):
         for x in range(planes):
             seed = slab[x, z]
-            dy, dz = (seed >> 16) - y, (seed & 0xFFFF) - z
-            height[x] = dy * dy + dz * dz if seed >= 0 else -1
+            if seed >= 0:
+                dy, dz = (place[seed] >> 16) - y, (place[seed] & 0xFFFF) - z
+                height[x] = dy * dy + dz * dz
+            else:
+                height[x] = -1
         count = _envelope(height, planes, site, start)
         m = 0
         for x in range(planes):
             while m + 1 < count and start[m + 1] < x:
                 m += 1
-            seed = slab[site[m], z]
-            far[x, z] = nearest[site[m], seed >> 16, seed & 0xFFFF]
+            far[x, z] = triangle[slab[site[m], z]]
 
 
 @kernel
 def numbered(squared, nearest, triangles):
-    """The triangles nearest to seeds; `nearest` becomes their place in this list at the seeds."""
-    place = np.full(triangles, -1, np.int32)
+    """Number the seeds, in place of their triangles in `nearest`.
+
+    Returns:
+        place of each seed in its plane, ``y << 16 | z``; its triangle, as a place in the list that follows; and the
+        triangles that are nearest to any seed.
+    """
+    listed = np.full(triangles, -1, np.int32)
     used = np.empty(triangles, np.int32)
-    count = 0
-    d, ids = squared.reshape(-1), nearest.reshape(-1)
+    count, seeds = 0, 0
+    planes, rows, depth = squared.shape
+    d = squared.reshape(-1)
     for node in range(len(d)):
-        if d[node] <= SEED:
-            f = ids[node]
-            if place[f] < 0:
-                place[f] = count
-                used[count] = f
-                count += 1
-            ids[node] = place[f]
-    return used[:count].copy()
+        seeds += d[node] <= SEED
+    place, triangle = np.empty(seeds, np.int32), np.empty(seeds, np.int32)
+    seed = 0
+    for x in range(planes):
+        for y in range(rows):
+            for z in range(depth):
+                if squared[x, y, z] <= SEED:
+                    f = nearest[x, y, z]
+                    if listed[f] < 0:
+                        listed[f] = count
+                        used[count] = f
+                        count += 1
+                    place[seed], triangle[seed] = y << 16 | z, listed[f]
+                    nearest[x, y, z] = seed
+                    seed += 1
+    return place, triangle, used[:count].copy()
 
 
 @kernel

@@ -108,3 +108,19 @@ def vote(counts, low, high, votes):
             w[j] -= counts[i, j]
             free = low <= w[j] <= high
             votes[i, j] += (1 if free else 16) if total[j] == 0 else 0
+
+
+@kernel
+def unanimous(votes):
+    """True where all three axes vote alike on every node."""
+    split = 0
+    for n in range(len(votes)):
+        split += votes[n] != 3 and votes[n] != 48
+    return split == 0
+
+
+@kernel
+def turned(votes, scale, distance):
+    """Scale distances and turn those negative whose vote is for solid."""
+    for n in range(len(votes)):
+        distance[n] *= scale if votes[n] & 15 else -scale

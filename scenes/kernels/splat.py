@@ -9,6 +9,9 @@ import numpy as np
 from scenes.kernels import kernel
 from scenes.kernels.triangles import framed, planar_squared
 
+LANES = 8
+"""Nodes measured together: a vector of double precision."""
+
 
 @kernel
 def binned(vertices, faces, axis, reach, thickness, slabs):
@@ -42,6 +45,7 @@ def splat(vertices, faces, members, reach, begin, end, squared, nearest):
     triangle of the lowest index.
     """
     height, depth = squared.shape[1], squared.shape[2]
+    found = np.empty(LANES)
     for member in range(len(members)):
         f = members[member]
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -67,9 +71,13 @@ def splat(vertices, faces, members, reach, begin, end, squared, nearest):
                     continue
                 n0, u0, v0 = dx * nx + dy * ny - az * nz, dx * ux + dy * uy - az * uz, dx * vx + dy * vy - az * vz
                 row, ids = squared[x, y], nearest[x, y]
-                for z in range(first, last + 1):
-                    n = n0 + z * nz
-                    d = n * n + planar_squared(u0 + z * uz, v0 + z * vz, length, cx, cy, over_ac, over_bc, 1.0)
-                    if d < row[z]:
-                        row[z] = d
-                        ids[z] = f
+                for start in range(first, last + 1, LANES):
+                    for lane in range(LANES):  # always whole vectors: those beyond `last` cost nothing and are dropped
+                        z = float(start + lane)
+                        n = n0 + z * nz
+                        flat = planar_squared(u0 + z * uz, v0 + z * vz, length, cx, cy, over_ac, over_bc, 1.0)
+                        found[lane] = n * n + flat
+                    for lane in range(min(LANES, last + 1 - start)):
+                        if found[lane] < row[start + lane]:
+                            row[start + lane] = found[lane]
+                            ids[start + lane] = f

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scenes.kernels import helper, kernel
@@ -100,6 +102,23 @@ def unmatched(keys):
     return count
 
 
+@helper
+def _doubled_area(vertices, i, j, k):
+    ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
+    vx, vy, vz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return math.sqrt(nx * nx + ny * ny + nz * nz)
+
+
+@kernel
+def areas(vertices, faces):
+    """Area of each triangle."""
+    out = np.empty(len(faces))
+    for f in range(len(faces)):
+        out[f] = _doubled_area(vertices, faces[f, 0], faces[f, 1], faces[f, 2]) / 2.0
+    return out
+
+
 @kernel
 def slivers(vertices, faces):
     """True for triangles whose doubled area is below 1e-12 of their longest edge squared."""
@@ -112,8 +131,5 @@ def slivers(vertices, faces):
             for axis in range(3):
                 d += (vertices[a, axis] - vertices[b, axis]) ** 2
             longest = max(longest, d)
-        ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
-        vx, vy, vz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        out[f] = not nx * nx + ny * ny + nz * nz > 1e-24 * longest * longest
+        out[f] = not _doubled_area(vertices, i, j, k) > 1e-12 * longest
     return out
