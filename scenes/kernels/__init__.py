@@ -2,19 +2,30 @@
 
 A kernel takes and returns plain arrays and numbers, allocates little, and holds no lock: `parts` runs several on
 threads of their own. What a kernel means is said by the function of `scenes` that calls it; nothing here is public.
-Compiled code is cached on disk, so that each machine compiles once.
+Compiled code is cached on disk, so that each machine compiles once, and again when any file of this folder changes.
 """
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numba
+
+
+def _digest() -> str:
+    """Of the sources of all kernels."""
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:8]
+
+
+_VERSION = _digest()
 
 
 def kernel(function: Callable[..., Any], *, inline: bool = False, fastmath: bool | set[str] = False) -> Any:
@@ -28,6 +39,8 @@ def kernel(function: Callable[..., Any], *, inline: bool = False, fastmath: bool
         fastmath: LLVM flags that permit reordering; never where exactness is promised.
     """
     plain = inspect.unwrap(function)  # the tests' shape checker wraps every function of this package
+    # numba looks at a function's own file only: without this, a kernel would keep the helpers of an older version.
+    plain.__qualname__ = f"{plain.__qualname__}_{_VERSION}"
     return numba.njit(cache=True, nogil=True, fastmath=fastmath, forceinline=inline, error_model="numpy")(plain)
 
 

@@ -167,18 +167,25 @@ def _squared(record, f, x, y, z):
     """Squared distance from a node to the triangle of a record, in single precision."""
     at = f * 16
     dx, dy, dz = x - record[at], y - record[at + 1], z - record[at + 2]
-    u = dx * record[at + 3] + dy * record[at + 4] + dz * record[at + 5]
-    v = dx * record[at + 6] + dy * record[at + 7] + dz * record[at + 8]
-    n = dx * dx + dy * dy + dz * dz - u * u - v * v
+    ux, uy, uz = record[at + 3], record[at + 4], record[at + 5]
+    vx, vy, vz = record[at + 6], record[at + 7], record[at + 8]
+    u = dx * ux + dy * uy + dz * uz
+    v = dx * vx + dy * vy + dz * vz
+    # Not |d|^2 - u^2 - v^2, which would lose the height above a large triangle.
+    n = dx * (uy * vz - uz * vy) + dy * (uz * vx - ux * vz) + dz * (ux * vy - uy * vx)
     flat = planar_squared(
         u, v, record[at + 9], record[at + 10], record[at + 11], record[at + 12], record[at + 13], np.float32(1.0)
     )
-    return max(n, np.float32(0.0)) + flat
+    return n * n + flat
 
 
 @kernel
 def measured(record, y, band, far, squared):
-    """Distances to the triangles `far` on the nodes of plane y beyond `band`."""
+    """Distances to the triangles `far` on the nodes of plane y beyond `band`.
+
+    Where the triangle of the node one step along -x is nearer than a node's own, it is handed on in `far`: seeds are
+    nearest to a node, not their triangles, and this mends a third of the difference.
+    """
     fy = np.float32(y)
     for x in range(far.shape[0]):
         row, ids = squared[x, y], far[x]
@@ -186,6 +193,12 @@ def measured(record, y, band, far, squared):
         for z in range(len(row)):
             d = _squared(record, np.int64(ids[z]), fx, fy, np.float32(z))
             row[z] = d if row[z] > band else row[z]
+        before = far[max(x - 1, 0)]
+        for z in range(len(row)):
+            if row[z] > band and before[z] != ids[z]:
+                d = _squared(record, np.int64(before[z]), fx, fy, np.float32(z))
+                if d < row[z]:
+                    row[z], ids[z] = d, before[z]
 
 
 @kernel

@@ -32,9 +32,16 @@ def framed(vertices, faces, f):
     cx = wx * ux + wy * uy + wz * uz
     vx, vy, vz = wx - cx * ux, wy - cx * uy, wz - cx * uz
     cy = math.sqrt(vx * vx + vy * vy + vz * vz)
-    if cy > 0.0:
-        inverse = 1.0 / cy
-        vx, vy, vz = vx * inverse, vy * inverse, vz * inverse
+    if cy <= 1e-14 * length:  # nothing but rounding is left of it: any direction across AB will do
+        vx, vy, vz = _across(ux, uy, uz)
+        cy = 0.0
+    # On slivers the first difference is mostly rounding, which need not lie across AB: a second one mends that.
+    along = vx * ux + vy * uy + vz * uz
+    vx, vy, vz = vx - along * ux, vy - along * uy, vz - along * uz
+    size = math.sqrt(vx * vx + vy * vy + vz * vz)
+    inverse = 1.0 / size if size > 0.0 else 0.0
+    vx, vy, vz = vx * inverse, vy * inverse, vz * inverse
+    cy = wx * vx + wy * vy + wz * vz if cy > 0.0 else 0.0
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     ac = cx * cx + cy * cy
     bc = (cx - length) * (cx - length) + cy * cy
@@ -42,6 +49,16 @@ def framed(vertices, faces, f):
         ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, length, cx, cy,
         1.0 / ac if ac > 0.0 else 0.0, 1.0 / bc if bc > 0.0 else 0.0,
     )  # fmt: skip
+
+
+@helper
+def _across(x, y, z):
+    """A direction at right angles to a unit vector, itself not of unit length."""
+    if abs(x) <= abs(y) and abs(x) <= abs(z):
+        return 0.0, z, -y
+    if abs(y) <= abs(z):
+        return -z, 0.0, x
+    return y, -x, 0.0
 
 
 @helper
@@ -56,7 +73,7 @@ def planar_squared(u, v, length, cx, cy, over_ac, over_bc, one):
     zero = one - one
     ex = cx - length
     w = u - length
-    inside = (v >= zero) & (cx * v <= cy * u) & (ex * v >= cy * w)
+    inside = (v >= zero) & (cx * v < cy * u) & (ex * v > cy * w)  # nothing is inside a triangle without area
     t = min(max(u, zero), length)
     best = (u - t) * (u - t) + v * v
     t = min(max((u * cx + v * cy) * over_ac, zero), one)
