@@ -27,7 +27,9 @@ UNCERTAIN = 50
 """Percent of agreeing evidence up to which a node counts as uncertain."""
 
 _CLEAR = 0.2  # distance of a winding number from the rule's limits that marks a node
-_STRIDE = 8  # nodes between those that are marked
+_MARKS = (
+    32  # nodes marked along the longest side; and the lattice's outer faces, as padding may be thinner than a stride
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,14 +172,14 @@ def _cut(
 ) -> None:
     """Decide the nodes of divided regions, in place in `free`: marked by winding numbers, cut at the narrowest."""
     label = np.zeros(shape, dtype=np.int8)
-    coarse = np.flatnonzero(_every(shape, _STRIDE) & torn)
+    coarse = np.flatnonzero(_spread(shape) & torn)
     w = _winding(soup, surface, coarse)
     label.reshape(-1)[coarse] = np.where(rule.margin(w) > _CLEAR, np.where(rule.free(w), 1, 2), 0)
     label = label.reshape(-1)
     order = np.empty(int(torn.sum()), dtype=np.int32)
     parent = np.full(len(distance), -1, dtype=np.int32)
     count = grow.descending(distance, torn, order)
-    grow.flood(order, count, crossed, shape, label, parent)
+    grow.flood(order, count, distance, crossed, shape, label, parent)
     root = np.where(parent >= 0, parent, 0)
     open_roots = np.unique(parent[(parent >= 0) & (label[root] == 0)])
     label[open_roots] = np.where(rule.free(_winding(soup, surface, open_roots)), 1, 2)
@@ -192,8 +194,14 @@ def _cut(
     free[torn] = label[root[torn]] == 1
 
 
-def _every(shape: tuple[int, ...], stride: int) -> np.ndarray:
-    """True at every `stride`-th node along each axis, flat."""
+def _spread(shape: tuple[int, ...]) -> np.ndarray:
+    """True at nodes spread evenly through the lattice, and over its outer faces; flat."""
+    stride = -(-max(shape) // _MARKS)
+    rows = [np.arange(stride // 2, n, stride) for n in shape]
     mask = np.zeros(shape, dtype=bool)
-    mask[stride // 2 :: stride, stride // 2 :: stride, stride // 2 :: stride] = True
+    for axis in range(3):
+        across = [
+            np.append(row, [0, n - 1]) if i == axis else row for i, (row, n) in enumerate(zip(rows, shape, strict=True))
+        ]
+        mask[np.ix_(*across)] = True
     return mask.reshape(-1)

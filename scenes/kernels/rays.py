@@ -15,9 +15,9 @@ import numpy as np
 from scenes.kernels import helper, kernel
 
 
-def fraction_bits(longest):
+def fraction_bits(longest: int) -> int:
     """Bits below the voxel for a lattice of `longest` nodes along its longest axis: products fit 62 bits."""
-    return 29 - int(longest).bit_length()
+    return 29 - longest.bit_length()
 
 
 @helper

@@ -120,26 +120,38 @@ def descending(distance, chosen, order):
     return count
 
 
+@helper
+def _unite(parent, label, n, q):
+    """Join the sets of two nodes unless their labels contradict each other."""
+    a, b = _root(parent, n), _root(parent, q)
+    if a != b and (label[a] == 0 or label[b] == 0 or label[a] == label[b]):
+        low, high = min(a, b), max(a, b)
+        parent[high] = low
+        label[low] = max(label[low], label[high])
+
+
 @kernel
-def flood(order, count, crossed, shape, label, parent):
+def flood(order, count, distance, crossed, shape, label, parent):
     """Grow labelled nodes (1 free, 2 solid) into the unlabelled from wide places to narrow ones.
 
-    Sets with different labels meet where the way between them is narrowest, and stay apart. `parent` is -1 everywhere
-    before, and -1 or a root after; a root's label is that of its set.
+    Sets with different labels meet where the way between them is narrowest, and stay apart. A node joins its widest
+    neighbour first, or a set that came through a crack would run on beside the wall. `parent` is -1 everywhere before,
+    and -1 or a root after; a root's label is that of its set.
     """
     for at in range(count):
         n = order[at]
         parent[n] = n
+        widest = -1
         for side in range(6):
             q = _neighbour(crossed, shape, n, side)
-            if q < 0 or parent[q] < 0:
-                continue
-            a, b = _root(parent, n), _root(parent, q)
-            if a == b or (label[a] != 0 and label[b] != 0 and label[a] != label[b]):
-                continue
-            low, high = min(a, b), max(a, b)
-            parent[high] = low
-            label[low] = max(label[low], label[high])
+            if q >= 0 and parent[q] >= 0 and (widest < 0 or distance[q] > distance[widest]):
+                widest = q
+        if widest >= 0:
+            _unite(parent, label, n, widest)
+            for side in range(6):
+                q = _neighbour(crossed, shape, n, side)
+                if q >= 0 and parent[q] >= 0:
+                    _unite(parent, label, n, q)
     for at in range(count):
         n = order[at]
         parent[n] = _root(parent, n)

@@ -52,12 +52,22 @@ def raw_distance(mesh: Mesh, points: np.ndarray) -> np.ndarray:
 
 
 def assert_distances(values: np.ndarray, exact: np.ndarray, spacing: float, near: float) -> None:
-    """Within `near` (m) up to two voxels from the surface; beyond never too small, too large by sqrt(3) voxels at most."""
+    """Within `near` (m) up to two voxels from the surface; beyond never too small, and too large by sqrt(3) voxels.
+
+    Beyond two voxels distances are measured in single precision.
+    """
     error = np.abs(values) - np.abs(exact)
     close = np.abs(exact) <= 2 * spacing
     assert close.any() and np.abs(error[close]).max() < near
-    assert error.min() > -near
+    assert error.min() > -max(near, 1e-4 * spacing)
     assert error.max() <= FAR_ERROR * spacing
+
+
+def assert_alike(found: Bake, expected: Bake, near: float) -> None:
+    """Two bakes of one shape: within `near` (m) up to two voxels from it; beyond, what each may differ by."""
+    a, b = found.grid.values.numpy(), expected.grid.values.numpy()
+    close = np.abs(b) <= 2 * expected.grid.spacing
+    assert np.abs(a - b)[close].max() < near and np.abs(a - b).max() <= FAR_ERROR * expected.grid.spacing
 
 
 ROOM = Box((0.3, 1.25, -0.2), (4.0, 2.5, 3.0))
@@ -197,11 +207,9 @@ def test_single_sheets_are_never_solid(facing: int) -> None:
         assert result.rule == "outside" and not result.closed
         values = result.grid.values.numpy().reshape(-1)
         points = nodes_of(result)
-        solid = igl.winding_number(mesh.vertices, mesh.faces, points) > 0.5
         exact = raw_distance(mesh, points)
         assert_distances(values, exact, result.grid.spacing, 1e-5)
-        assert (values[(exact > 1e-6) & ~solid] > 0).all() and (values[(exact > 1e-6) & solid] < 0).all()
-    assert not solid.any() or facing == -1  # looked at from the front, a corner of a room encloses nothing
+        assert (values[exact > 1e-6] > 0).all()  # not even behind the corner, where the winding number exceeds 1/2
 
 
 def test_distances_on_a_soup_are_exact_and_its_signs_never_contradict_them() -> None:
@@ -288,7 +296,8 @@ def test_walls_without_thickness_can_be_given_one(facing: int) -> None:
     for mesh in (wall, both, thin):
         result = bake(mesh, 40, padding=0.3, cache=None, thickness=0.2, free_space="outside")
         middle, beside = values_at(result, (0.0, 1.0, 0.0), (0.2, 1.0, 0.0))
-        assert middle == pytest.approx(-0.1, abs=0.03) and beside == pytest.approx(0.1, abs=0.03)
+        assert middle == pytest.approx(-0.1, abs=result.grid.spacing / 2 + 1e-6)  # the wall may lie between two nodes
+        assert beside == pytest.approx(0.1 - mesh.bounds[1, 0], abs=1e-6)
     plain = bake(block, 40, cache=None)
     assert torch.equal(bake(block, 40, cache=None, thickness=0.2).grid.values, plain.grid.values)
 
@@ -352,11 +361,11 @@ def test_repeated_and_collapsed_triangles_change_nothing() -> None:
         np.concatenate([clean.faces, copies, turned, points, lines, slivers]),
         "dirty",
     )
-    expected = bake(clean, 24, cache=None).grid.values
+    expected = bake(clean, 24, cache=None)
     for mesh in (dirty, apart):
         found = bake(mesh, 24, cache=None)
-        assert_distances(found.grid.values.numpy(), expected.numpy(), found.grid.spacing, 1e-6)
-        assert torch.equal(found.grid.values > 0, expected > 0)
+        assert_alike(found, expected, 1e-6)
+        assert torch.equal(found.grid.values > 0, expected.grid.values > 0)
     assert bake(apart, 8, cache=None).closed
 
 
@@ -364,7 +373,7 @@ def test_a_mesh_far_from_the_origin_is_as_exact() -> None:
     shift = np.array([4e5, 12.0, -3e6])
     near, far = CLOSED["csg"], Mesh(CLOSED["csg"].vertices + shift, CLOSED["csg"].faces)
     a, b = bake(near, 24, cache=None), bake(far, 24, cache=None)
-    assert_distances(b.grid.values.numpy(), a.grid.values.numpy(), a.grid.spacing, 1e-5)
+    assert_alike(b, a, 1e-5)
     assert np.allclose(b.grid.origin.numpy() - shift, a.grid.origin.numpy(), atol=1e-6)
 
 
