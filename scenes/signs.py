@@ -183,15 +183,17 @@ def _cut(
     root = np.where(parent >= 0, parent, 0)
     open_roots = np.unique(parent[(parent >= 0) & (label[root] == 0)])
     label[open_roots] = np.where(rule.free(_winding(soup, surface, open_roots)), 1, 2)
+    sizes = np.bincount(parent[torn], minlength=len(parent))
+    sort = np.where(torn, label[root], 0).astype(np.int8)
     for _ in range(4):  # a part that falls to its surroundings may free the next
         air, wall = np.zeros(len(parent), np.int32), np.zeros(len(parent), np.int32)
-        grow.borders(distance, crossed, shape, parent, label, air, wall)
-        sizes = np.bincount(parent[torn], minlength=len(parent))
-        hanging = np.flatnonzero((air > wall) & (np.arange(len(parent)) != sizes.argmax()))
-        if len(hanging) == 0:
+        grow.borders(distance, crossed, shape, parent, sort, air, wall)
+        hanging = (air > wall) & (np.arange(len(parent)) != sizes.argmax())
+        if not hanging.any():
             break
-        label[hanging] = 3 - label[hanging]
-    free[torn] = label[root[torn]] == 1
+        turned = torn & hanging[root]
+        sort[turned] = 3 - sort[turned]
+    free[torn] = sort[torn] == 1
 
 
 def _spread(shape: tuple[int, ...]) -> np.ndarray:

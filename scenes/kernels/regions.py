@@ -150,7 +150,7 @@ def flood(order, count, distance, crossed, shape, label, parent):
             _unite(parent, label, n, widest)
             for side in range(6):
                 q = _neighbour(crossed, shape, n, side)
-                if q >= 0 and parent[q] >= 0:
+                if q >= 0 and q != widest and parent[q] >= 0 and parent[q] != parent[n]:
                     _unite(parent, label, n, q)
     for at in range(count):
         n = order[at]
@@ -158,18 +158,17 @@ def flood(order, count, distance, crossed, shape, label, parent):
 
 
 @kernel
-def borders(distance, crossed, shape, parent, label, air, wall):
-    """For each set: its edges to sets of the other label through open air, and its edges that cross a triangle."""
+def borders(distance, crossed, shape, parent, sort, air, wall):
+    """For each set: its edges to nodes of another sort through open air, and its edges that cross a triangle."""
     for n in range(len(parent)):
-        a = parent[n]
-        if a < 0:
+        if parent[n] < 0:
             continue
         for side in range(6):
             q = _neighbour(crossed, shape, n, side)
             if q < 0:
-                wall[a] += 1
-            elif parent[q] >= 0 and label[parent[q]] != label[a] and distance[n] + distance[q] > _IMPOSSIBLE:
-                air[a] += 1
+                wall[parent[n]] += 1
+            elif sort[q] != sort[n] and sort[q] != 0 and distance[n] + distance[q] > _IMPOSSIBLE:
+                air[parent[n]] += 1
 
 
 @kernel
