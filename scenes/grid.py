@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,11 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
+from scenes.kernels import parts
+from scenes.kernels.query import curved, interpolated
+
+ENOUGH = 32_768
+"""Points from which on a second thread pays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +71,37 @@ class SdfGrid:
         """
         if points.shape[-1] != 3:
             raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
-        result: Tensor = _Trilinear.apply(points, self._values_on(points.device), self)  # type: ignore[no-untyped-call]
+        result: Tensor = _Trilinear.apply(points, self)  # type: ignore[no-untyped-call]
         return result
+
+    def value_and_gradient(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
+        """What `distance` gives, and its gradient (no unit), in one pass and outside autograd."""
+        flat = _flat(points)
+        value, gradient = _evaluate(flat, self, with_gradient=True)
+        assert gradient is not None
+        return value.reshape(points.shape[:-1]), gradient.reshape(points.shape)
+
+    def hessian_vector(self, points: Float[Tensor, "*b 3"], vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
+        """Second derivative (1/m) of `distance` at `points` (m) times `vectors`, where it exists: inside a voxel.
+
+        On the faces between voxels the gradient jumps, and what is given is that of one side. Outside autograd.
+        """
+        if points.shape != vectors.shape:
+            raise UserError(
+                f"vectors have shape {tuple(vectors.shape)}; give that of the points, {tuple(points.shape)}"
+            )
+        at, along = _flat(points).cpu().double(), vectors.detach().reshape(-1, 3).cpu().double().contiguous()
+        product = torch.empty_like(at)
+        arrays = (*self._arrays, at.numpy(), along.numpy())
+        _in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy()))
+        return product.to(points).reshape(points.shape)
+
+    @cached_property
+    def _arrays(self) -> tuple[Any, ...]:
+        """What kernels ask for: flat values, shape, origin, spacing, sign beyond."""
+        values = self.values.detach().cpu().numpy().reshape(-1)
+        shape = tuple(int(n) for n in self.values.shape)
+        return values, shape, self.origin.cpu().numpy(), float(self.spacing), float(self.beyond)
 
     def _values_on(self, device: torch.device) -> Tensor:
         if device == self.values.device:
@@ -119,17 +155,16 @@ class _Trilinear(torch.autograd.Function):
     """Value and gradient in one pass: the eight corners are gathered once and serve both."""
 
     @staticmethod
-    def forward(ctx: Any, points: Tensor, values: Tensor, grid: SdfGrid) -> Tensor:
-        flat = points.detach().reshape(-1, 3)
-        value, gradient = _interpolate(flat, values, grid, with_gradient=points.requires_grad)
+    def forward(ctx: Any, points: Tensor, grid: SdfGrid) -> Tensor:
+        value, gradient = _evaluate(_flat(points), grid, with_gradient=points.requires_grad)
         if gradient is not None:
             ctx.save_for_backward(points, gradient)
         return value.reshape(points.shape[:-1])
 
     @staticmethod
-    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None, None]:
+    def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
         points, gradient = ctx.saved_tensors
-        return _Scaled.apply(points, gradient, grad_output), None, None  # type: ignore[no-untyped-call]
+        return _Scaled.apply(points, gradient, grad_output), None  # type: ignore[no-untyped-call]
 
 
 class _Scaled(torch.autograd.Function):
@@ -151,8 +186,34 @@ class _Scaled(torch.autograd.Function):
         )
 
 
-def _interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
-    """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``."""
+def _flat(points: Tensor) -> Tensor:
+    return points.detach().reshape(-1, 3).contiguous()
+
+
+def _evaluate(points: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
+    """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``, by the kernel where it can run."""
+    if points.device.type != "cpu" or points.dtype not in (torch.float32, torch.float64):
+        return interpolate(points, grid._values_on(points.device), grid, with_gradient)
+    value = points.new_empty(len(points))
+    gradient = points.new_empty((len(points) if with_gradient else 0, 3))
+    arrays = (*grid._arrays, points.numpy())
+    out = (value.numpy(), gradient.numpy())
+    _in_parts(len(points), lambda begin, end: interpolated(*arrays, begin, end, *out))
+    return value, gradient if with_gradient else None
+
+
+def _in_parts(count: int, work: Callable[[int, int], Any]) -> None:
+    """Do ``work(begin, end)`` for all points, on torch's number of threads where there are enough of them."""
+    threads = min(torch.get_num_threads(), count // ENOUGH)
+    if threads <= 1:
+        work(0, count)
+        return
+    size = -(-count // threads)
+    parts(lambda i: work(i * size, min((i + 1) * size, count)), threads, threads)
+
+
+def interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
+    """The same in torch, for other devices and types: value ``[n]`` and gradient ``[n, 3]`` (or None)."""
     size = points.new_tensor(values.shape) - 1
     # Subtracting the origin in double keeps scenes far from zero exact, as in "origin in world metres".
     local = ((points.double() - grid.origin.to(points.device)) / grid.spacing).to(points.dtype)
