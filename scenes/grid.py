@@ -164,6 +164,8 @@ class _Trilinear(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
         points, gradient = ctx.saved_tensors
+        if not torch.is_grad_enabled():  # nobody can ask for a second derivative
+            return (gradient * grad_output.reshape(-1, 1)).reshape(points.shape), None
         return _Scaled.apply(points, gradient, grad_output), None  # type: ignore[no-untyped-call]
 
 

@@ -1,7 +1,7 @@
 """The trilinear interpolant of a grid: value and gradient in one pass, and its second derivative times a vector.
 
-Points come in chunks. Finding the cells, fetching their corners and doing the sums are loops of their own: the fetches
-of many points are then under way together, and most of the time goes into waiting for memory.
+Points come in chunks, and what is known of a chunk lies in rows of `CHUNK` numbers: each step is a loop over whole rows
+that the compiler turns into vector instructions, and the fetches of many points are under way together.
 """
 
 from __future__ import annotations
@@ -14,60 +14,76 @@ from scenes.kernels import helper, kernel
 
 CHUNK = 64
 
-
-@helper
-def _inside(local, last):
-    """A coordinate moved into the grid; 0 where it is not a number."""
-    return min(local, last) if local > 0.0 else 0.0
-
-
-@helper
-def _cell(inside, size):
-    """The cell of a coordinate inside the grid."""
-    return min(np.int64(inside), size - 2)
+_X, _Y, _Z = 0, CHUNK, 2 * CHUNK  # where in its voxel a point lies
+_CORNERS = 3 * CHUNK  # values at the corners, in the order (x, y, z) = 000 001 010 ... 111
+_VALUE, _DX, _DY, _DZ = 11 * CHUNK, 12 * CHUNK, 13 * CHUNK, 14 * CHUNK
+_ROWS = 15 * CHUNK
 
 
 @helper
-def _outward(points, p, origin, spacing, shape):
-    """How far (m) a point is from the nearest point of the grid, along each axis; exactly 0 inside."""
-    over = 1.0 / spacing
-    x = (points[p, 0] - origin[0]) * over
-    y = (points[p, 1] - origin[1]) * over
-    z = (points[p, 2] - origin[2]) * over
-    bx = (x - _inside(x, shape[0] - 1.0)) * spacing
-    by = (y - _inside(y, shape[1] - 1.0)) * spacing
-    bz = (z - _inside(z, shape[2] - 1.0)) * spacing
-    return bx, by, bz
+def _located(local, axis, size, voxel, share):
+    """Number of each point's voxel and where in it the point lies, along one axis; `local` becomes what lies outside.
+
+    What is not a number lies in voxel 0, and stays what it is in `local`.
+    """
+    last, edge = size - 1.0, np.int64(size - 2)
+    row = axis * CHUNK
+    for i in range(CHUNK):
+        x = local[row + i]
+        inside = x if x > 0.0 else 0.0
+        inside = inside if inside < last else last
+        cell = min(np.int64(np.int32(inside)), edge)
+        voxel[i] = voxel[i] * size + cell
+        share[row + i] = inside - cell
+        local[row + i] = x - inside
 
 
 @helper
-def _located(points, begin, count, origin, spacing, shape, base, share):
-    """Flat index of each point's cell and where in it the point lies; which points are outside; are there any?"""
-    over = 1.0 / spacing
-    last = (shape[0] - 1.0, shape[1] - 1.0, shape[2] - 1.0)
-    any_outside = False
-    for i in range(count):
-        x = (points[begin + i, 0] - origin[0]) * over
-        y = (points[begin + i, 1] - origin[1]) * over
-        z = (points[begin + i, 2] - origin[2]) * over
-        kx, ky, kz = _inside(x, last[0]), _inside(y, last[1]), _inside(z, last[2])
-        any_outside |= not (kx == x and ky == y and kz == z)
-        cx, cy, cz = _cell(kx, shape[0]), _cell(ky, shape[1]), _cell(kz, shape[2])
-        base[i] = (cx * shape[1] + cy) * shape[2] + cz
-        share[0, i], share[1, i], share[2, i] = kx - cx, ky - cy, kz - cz
-    return any_outside
+def _prepared(points, begin, count, shape, origin, over, local, voxel, share):
+    """Locate ``points[begin : begin + count]``; True where any of them is outside."""
+    for axis in range(3):
+        for i in range(count):
+            local[axis * CHUNK + i] = (points[begin + i, axis] - origin[axis]) * over
+    voxel[:] = 0
+    _located(local, 0, shape[0], voxel, share)
+    _located(local, 1, shape[1], voxel, share)
+    _located(local, 2, shape[2], voxel, share)
+    outside = 0
+    for i in range(3 * CHUNK):
+        outside += np.int64(local[i] != 0.0)
+    return outside > 0
 
 
 @helper
-def _fetched(values, base, count, rows, depth, corners):
-    """Values at the corners of cells, in the order (x, y, z) = 000 001 010 ... 111."""
+def _fetched(values, voxel, count, rows, depth, into):
     plane = rows * depth
     for i in range(count):
-        at = base[i]
-        corners[0, i], corners[1, i] = values[at], values[at + 1]
-        corners[2, i], corners[3, i] = values[at + depth], values[at + depth + 1]
-        corners[4, i], corners[5, i] = values[at + plane], values[at + plane + 1]
-        corners[6, i], corners[7, i] = values[at + plane + depth], values[at + plane + depth + 1]
+        at, to = voxel[i], _CORNERS + i
+        into[to], into[to + CHUNK] = values[at], values[at + 1]
+        into[to + 2 * CHUNK], into[to + 3 * CHUNK] = values[at + depth], values[at + depth + 1]
+        into[to + 4 * CHUNK], into[to + 5 * CHUNK] = values[at + plane], values[at + plane + 1]
+        at += plane + depth
+        into[to + 6 * CHUNK], into[to + 7 * CHUNK] = values[at], values[at + 1]
+
+
+@helper
+def _summed(s, over):
+    """Collapse z, then y, then x; the differences met on the way are the partial derivatives."""
+    for i in range(CHUNK):
+        x, y, z = s[_X + i], s[_Y + i], s[_Z + i]
+        c = _CORNERS + i
+        z0, z1 = s[c + CHUNK] - s[c], s[c + 3 * CHUNK] - s[c + 2 * CHUNK]
+        z2, z3 = s[c + 5 * CHUNK] - s[c + 4 * CHUNK], s[c + 7 * CHUNK] - s[c + 6 * CHUNK]
+        f0, f1 = s[c] + z0 * z, s[c + 2 * CHUNK] + z1 * z
+        f2, f3 = s[c + 4 * CHUNK] + z2 * z, s[c + 6 * CHUNK] + z3 * z
+        y0, y1 = f1 - f0, f3 - f2
+        line = f0 + y0 * y
+        dx = f2 + y1 * y - line
+        near, far = z0 + (z1 - z0) * y, z2 + (z3 - z2) * y
+        s[_VALUE + i] = line + dx * x
+        s[_DX + i] = dx * over
+        s[_DY + i] = (y0 + (y1 - y0) * x) * over
+        s[_DZ + i] = (near + (far - near) * x) * over
 
 
 @kernel
@@ -82,78 +98,61 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
         beyond: sign of the distance that is added outside.
         points: ``[n, 3]``; `value` ``[n]`` and `gradient` ``[n, 3]`` have their precision.
     """
-    base = np.empty(CHUNK, np.int64)
-    share = np.empty((3, CHUNK), points.dtype)
-    corners = np.empty((8, CHUNK), points.dtype)
-    slopes = len(gradient) > 0
-    scale = np.empty(1, points.dtype)
-    scale[0] = 1.0 / spacing
-    over = scale[0]
+    voxel, local = np.zeros(CHUNK, np.int64), np.zeros(3 * CHUNK)
+    scratch = np.zeros(_ROWS, points.dtype)
+    scratch[0] = 1.0 / spacing
+    over = scratch[0]  # in the precision of the points
     for first in range(begin, end, CHUNK):
         count = min(CHUNK, end - first)
-        outside = _located(points, first, count, origin, spacing, shape, base, share)
-        _fetched(values, base, count, shape[1], shape[2], corners)
-        for i in range(count):
-            x, y, z = share[0, i], share[1, i], share[2, i]
-            z0, z1 = corners[1, i] - corners[0, i], corners[3, i] - corners[2, i]
-            z2, z3 = corners[5, i] - corners[4, i], corners[7, i] - corners[6, i]
-            f0, f1 = corners[0, i] + z0 * z, corners[2, i] + z1 * z
-            f2, f3 = corners[4, i] + z2 * z, corners[6, i] + z3 * z
-            y0, y1 = f1 - f0, f3 - f2
-            line = f0 + y0 * y
-            dx = f2 + y1 * y - line
-            value[first + i] = line + dx * x
-            if slopes:
-                gradient[first + i, 0] = dx * over
-                gradient[first + i, 1] = (y0 + (y1 - y0) * x) * over
-                near, far = z0 + (z1 - z0) * y, z2 + (z3 - z2) * y
-                gradient[first + i, 2] = (near + (far - near) * x) * over
+        outside = _prepared(points, first, count, shape, origin, 1.0 / spacing, local, voxel, scratch)
+        _fetched(values, voxel, count, shape[1], shape[2], scratch)
+        _summed(scratch, over)
         if outside:
-            for p in range(first, first + count):
-                _leave(points, p, origin, spacing, shape, beyond, value, gradient, slopes)
+            for i in range(count):
+                _leave(local, i, spacing, beyond, scratch)
+        for i in range(count):
+            value[first + i] = scratch[_VALUE + i]
+        if len(gradient) > 0:
+            for i in range(count):
+                gradient[first + i, 0] = scratch[_DX + i]
+                gradient[first + i, 1] = scratch[_DY + i]
+                gradient[first + i, 2] = scratch[_DZ + i]
 
 
 @helper
-def _leave(points, p, origin, spacing, shape, beyond, value, gradient, slopes):
+def _leave(local, i, spacing, beyond, s):
     """Add the way from the grid to a point outside; along axes on which it was moved, only that way changes."""
-    bx, by, bz = _outward(points, p, origin, spacing, shape)
+    bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
     away = math.sqrt(bx * bx + by * by + bz * bz)
     if away == 0.0:
         return
-    value[p] += beyond * away
-    if slopes:
-        gradient[p, 0] = beyond * bx / away if bx != 0.0 else gradient[p, 0]
-        gradient[p, 1] = beyond * by / away if by != 0.0 else gradient[p, 1]
-        gradient[p, 2] = beyond * bz / away if bz != 0.0 else gradient[p, 2]
+    s[_VALUE + i] += beyond * away
+    if bx != 0.0:
+        s[_DX + i] = beyond * bx / away
+    if by != 0.0:
+        s[_DY + i] = beyond * by / away
+    if bz != 0.0:
+        s[_DZ + i] = beyond * bz / away
 
 
 @kernel
 def curved(values, shape, origin, spacing, beyond, points, vectors, begin, end, product):
-    """Second derivative of the interpolant at points ``begin .. end``, times a vector each.
+    """Second derivative of the interpolant at points ``begin .. end``, times a vector each; all in double.
 
-    Inside a cell only the mixed derivatives are not zero; outside, the distance to the grid curves along the axes on
+    Inside a voxel only the mixed derivatives are not zero; outside, the distance to the grid curves along the axes on
     which a point was moved.
     """
-    base = np.empty(CHUNK, np.int64)
-    share = np.empty((3, CHUNK), np.float64)
-    c = np.empty((8, CHUNK), np.float64)
-    over = 1.0 / (spacing * spacing)
+    voxel, local = np.zeros(CHUNK, np.int64), np.zeros(3 * CHUNK)
+    s = np.zeros(_ROWS)
     for first in range(begin, end, CHUNK):
         count = min(CHUNK, end - first)
-        _located(points, first, count, origin, spacing, shape, base, share)
-        _fetched(values, base, count, shape[1], shape[2], c)
+        _prepared(points, first, count, shape, origin, 1.0 / spacing, local, voxel, s)
+        _fetched(values, voxel, count, shape[1], shape[2], s)
         for i in range(count):
-            p = first + i
-            x, y, z = share[0, i], share[1, i], share[2, i]
-            low, high = c[6, i] - c[4, i] - c[2, i] + c[0, i], c[7, i] - c[5, i] - c[3, i] + c[1, i]
-            xy = (low + (high - low) * z) * over
-            low, high = c[5, i] - c[4, i] - c[1, i] + c[0, i], c[7, i] - c[6, i] - c[3, i] + c[2, i]
-            xz = (low + (high - low) * y) * over
-            low, high = c[3, i] - c[2, i] - c[1, i] + c[0, i], c[7, i] - c[6, i] - c[5, i] + c[4, i]
-            yz = (low + (high - low) * x) * over
-            bx, by, bz = _outward(points, p, origin, spacing, shape)
+            xy, xz, yz = _mixed(s, i, 1.0 / (spacing * spacing))
+            bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
             kx, ky, kz = float(bx == 0.0), float(by == 0.0), float(bz == 0.0)
-            vx, vy, vz = vectors[p, 0], vectors[p, 1], vectors[p, 2]
+            vx, vy, vz = vectors[first + i, 0], vectors[first + i, 1], vectors[first + i, 2]
             px = kx * (ky * xy * vy + kz * xz * vz)
             py = ky * (kx * xy * vx + kz * yz * vz)
             pz = kz * (kx * xz * vx + ky * yz * vy)
@@ -164,4 +163,18 @@ def curved(values, shape, origin, spacing, beyond, points, vectors, begin, end, 
                 px += beyond * (1.0 - kx) * (vx - along * bx) / away
                 py += beyond * (1.0 - ky) * (vy - along * by) / away
                 pz += beyond * (1.0 - kz) * (vz - along * bz) / away
-            product[p, 0], product[p, 1], product[p, 2] = px, py, pz
+            product[first + i, 0], product[first + i, 1], product[first + i, 2] = px, py, pz
+
+
+@helper
+def _mixed(s, i, over):
+    """The three mixed second derivatives of a voxel's interpolant."""
+    x, y, z = s[_X + i], s[_Y + i], s[_Z + i]
+    c = _CORNERS + i
+    c0, c1, c2, c3 = s[c], s[c + CHUNK], s[c + 2 * CHUNK], s[c + 3 * CHUNK]
+    c4, c5, c6, c7 = s[c + 4 * CHUNK], s[c + 5 * CHUNK], s[c + 6 * CHUNK], s[c + 7 * CHUNK]
+    twist = c7 - c6 - c5 + c4 - c3 + c2 + c1 - c0
+    xy = c6 - c4 - c2 + c0 + twist * z
+    xz = c5 - c4 - c1 + c0 + twist * y
+    yz = c3 - c2 - c1 + c0 + twist * x
+    return xy * over, xz * over, yz * over
