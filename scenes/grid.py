@@ -92,8 +92,8 @@ class SdfGrid:
             )
         at, along = _flat(points).cpu().double(), vectors.detach().reshape(-1, 3).cpu().double().contiguous()
         product = torch.empty_like(at)
-        arrays = (*self._arrays, at.numpy(), along.numpy())
-        _in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy()))
+        arrays = (*self._arrays, at.numpy().reshape(-1), along.numpy().reshape(-1))
+        _in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy().reshape(-1)))
         return product.to(points).reshape(points.shape)
 
     @cached_property
@@ -198,8 +198,8 @@ def _evaluate(points: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tenso
         return interpolate(points, grid._values_on(points.device), grid, with_gradient)
     value = points.new_empty(len(points))
     gradient = points.new_empty((len(points) if with_gradient else 0, 3))
-    arrays = (*grid._arrays, points.numpy())
-    out = (value.numpy(), gradient.numpy())
+    arrays = (*grid._arrays, points.numpy().reshape(-1))
+    out = (value.numpy(), gradient.numpy().reshape(-1))
     _in_parts(len(points), lambda begin, end: interpolated(*arrays, begin, end, *out))
     return value, gradient if with_gradient else None
 

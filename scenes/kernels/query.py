@@ -1,7 +1,8 @@
 """The trilinear interpolant of a grid: value and gradient in one pass, and its second derivative times a vector.
 
 Points come in chunks, and what is known of a chunk lies in rows of `CHUNK` numbers: each step is a loop over whole rows
-that the compiler turns into vector instructions, and the fetches of many points are under way together.
+that the compiler turns into vector instructions, and the fetches of many points are under way together. Indices that
+are computed are unsigned: signed ones may count from the end in numba, and asking for that stops the vectors.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 
 from scenes.kernels import helper, kernel
 
-CHUNK = 64
+CHUNK = 256
 
 _X, _Y, _Z = 0, CHUNK, 2 * CHUNK  # where in its voxel a point lies
 _CORNERS = 3 * CHUNK  # values at the corners, in the order (x, y, z) = 000 001 010 ... 111
@@ -26,24 +27,32 @@ def _located(local, axis, size, voxel, share):
 
     What is not a number lies in voxel 0, and stays what it is in `local`.
     """
-    last, edge = size - 1.0, np.int64(size - 2)
+    edge, across = np.int32(size - 2), np.int32(size)
+    last = share.dtype.type(size - 1)
+    zero = last - last
     row = axis * CHUNK
     for i in range(CHUNK):
         x = local[row + i]
-        inside = x if x > 0.0 else 0.0
+        inside = x if x > zero else zero
         inside = inside if inside < last else last
-        cell = min(np.int64(np.int32(inside)), edge)
-        voxel[i] = voxel[i] * size + cell
-        share[row + i] = inside - cell
+        cell = min(np.int32(inside), edge)
+        voxel[i] = voxel[i] * across + cell
+        share[row + i] = inside - share.dtype.type(cell)
         local[row + i] = x - inside
 
 
 @helper
 def _prepared(points, begin, count, shape, origin, over, local, voxel, share):
-    """Locate ``points[begin : begin + count]``; True where any of them is outside."""
-    for axis in range(3):
-        for i in range(count):
-            local[axis * CHUNK + i] = (points[begin + i, axis] - origin[axis]) * over
+    """Locate points ``begin .. begin + count``; True where any of them is outside.
+
+    The origin is taken off in double, so that nothing is lost far from the world's.
+    """
+    ox, oy, oz = origin[0], origin[1], origin[2]
+    for i in range(count):
+        at = np.uint64(begin + i) * np.uint64(3)
+        local[i] = (points[at] - ox) * over
+        local[CHUNK + i] = (points[at + np.uint64(1)] - oy) * over
+        local[2 * CHUNK + i] = (points[at + np.uint64(2)] - oz) * over
     voxel[:] = 0
     _located(local, 0, shape[0], voxel, share)
     _located(local, 1, shape[1], voxel, share)
@@ -56,14 +65,17 @@ def _prepared(points, begin, count, shape, origin, over, local, voxel, share):
 
 @helper
 def _fetched(values, voxel, count, rows, depth, into):
-    plane = rows * depth
+    """Values at the corners of voxels."""
+    one, y, x = np.uint64(1), np.uint64(depth), np.uint64(rows * depth)
     for i in range(count):
-        at, to = voxel[i], _CORNERS + i
-        into[to], into[to + CHUNK] = values[at], values[at + 1]
-        into[to + 2 * CHUNK], into[to + 3 * CHUNK] = values[at + depth], values[at + depth + 1]
-        into[to + 4 * CHUNK], into[to + 5 * CHUNK] = values[at + plane], values[at + plane + 1]
-        at += plane + depth
-        into[to + 6 * CHUNK], into[to + 7 * CHUNK] = values[at], values[at + 1]
+        at, to = np.uint64(voxel[i]), _CORNERS + i
+        into[to], into[to + CHUNK] = values[at], values[at + one]
+        at += y
+        into[to + 2 * CHUNK], into[to + 3 * CHUNK] = values[at], values[at + one]
+        at += x
+        into[to + 6 * CHUNK], into[to + 7 * CHUNK] = values[at], values[at + one]
+        at -= y
+        into[to + 4 * CHUNK], into[to + 5 * CHUNK] = values[at], values[at + one]
 
 
 @helper
@@ -88,7 +100,7 @@ def _summed(s, over):
 
 @kernel
 def interpolated(values, shape, origin, spacing, beyond, points, begin, end, value, gradient):
-    """Value of points ``begin .. end``, and their gradient where `gradient` holds as many rows as `points`.
+    """Value of points ``begin .. end``, and their gradient unless `gradient` is empty.
 
     Args:
         values: of all nodes, flat.
@@ -96,9 +108,10 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
         origin: of node 0, double.
         spacing: metres a voxel.
         beyond: sign of the distance that is added outside.
-        points: ``[n, 3]``; `value` ``[n]`` and `gradient` ``[n, 3]`` have their precision.
+        points: x, y, z of one after the other, flat: only then does the compiler know how far apart they are.
+            `value` and `gradient` (flat, or empty) have their precision.
     """
-    voxel, local = np.zeros(CHUNK, np.int64), np.zeros(3 * CHUNK)
+    voxel, local = np.zeros(CHUNK, np.int32), np.zeros(3 * CHUNK, points.dtype)
     scratch = np.zeros(_ROWS, points.dtype)
     scratch[0] = 1.0 / spacing
     over = scratch[0]  # in the precision of the points
@@ -114,9 +127,10 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
             value[first + i] = scratch[_VALUE + i]
         if len(gradient) > 0:
             for i in range(count):
-                gradient[first + i, 0] = scratch[_DX + i]
-                gradient[first + i, 1] = scratch[_DY + i]
-                gradient[first + i, 2] = scratch[_DZ + i]
+                at = np.uint64(first + i) * np.uint64(3)
+                gradient[at] = scratch[_DX + i]
+                gradient[at + np.uint64(1)] = scratch[_DY + i]
+                gradient[at + np.uint64(2)] = scratch[_DZ + i]
 
 
 @helper
@@ -142,7 +156,7 @@ def curved(values, shape, origin, spacing, beyond, points, vectors, begin, end, 
     Inside a voxel only the mixed derivatives are not zero; outside, the distance to the grid curves along the axes on
     which a point was moved.
     """
-    voxel, local = np.zeros(CHUNK, np.int64), np.zeros(3 * CHUNK)
+    voxel, local = np.zeros(CHUNK, np.int32), np.zeros(3 * CHUNK)
     s = np.zeros(_ROWS)
     for first in range(begin, end, CHUNK):
         count = min(CHUNK, end - first)
@@ -151,19 +165,20 @@ def curved(values, shape, origin, spacing, beyond, points, vectors, begin, end, 
         for i in range(count):
             xy, xz, yz = _mixed(s, i, 1.0 / (spacing * spacing))
             bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
-            kx, ky, kz = float(bx == 0.0), float(by == 0.0), float(bz == 0.0)
-            vx, vy, vz = vectors[first + i, 0], vectors[first + i, 1], vectors[first + i, 2]
+            kx, ky, kz = np.float64(bx == 0.0), np.float64(by == 0.0), np.float64(bz == 0.0)
+            at = 3 * (first + i)
+            vx, vy, vz = vectors[at], vectors[at + 1], vectors[at + 2]
             px = kx * (ky * xy * vy + kz * xz * vz)
             py = ky * (kx * xy * vx + kz * yz * vz)
             pz = kz * (kx * xz * vx + ky * yz * vy)
             away = math.sqrt(bx * bx + by * by + bz * bz)
-            if not away == 0.0:
+            if away != 0.0:
                 bx, by, bz = bx / away, by / away, bz / away
                 along = bx * vx + by * vy + bz * vz
                 px += beyond * (1.0 - kx) * (vx - along * bx) / away
                 py += beyond * (1.0 - ky) * (vy - along * by) / away
                 pz += beyond * (1.0 - kz) * (vz - along * bz) / away
-            product[first + i, 0], product[first + i, 1], product[first + i, 2] = px, py, pz
+            product[at], product[at + 1], product[at + 2] = px, py, pz
 
 
 @helper

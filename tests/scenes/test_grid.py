@@ -9,8 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from scenes import grid as grids
 from scenes.errors import UserError
-from scenes.grid import SdfGrid
+from scenes.grid import SdfGrid, interpolate
 
 ORIGIN, SPACING, SHAPE = (-0.3, 1.2, 5.0), 0.17, (5, 4, 6)
 
@@ -106,6 +107,64 @@ def test_batch_equals_loop_for_gradients() -> None:
         one = points[i].detach().requires_grad_()
         (part,) = torch.autograd.grad((weights[i] * grid.distance(one)).sum(), one)
         torch.testing.assert_close(part, whole[i])
+
+
+@pytest.mark.parametrize("beyond", [1.0, -1.0])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_kernel_equals_torch_everywhere(beyond: float, dtype: torch.dtype) -> None:
+    grid = random_grid(beyond)
+    nodes = torch.from_numpy(grid.nodes(np.stack(np.meshgrid(*map(np.arange, SHAPE)), -1).reshape(-1, 3)))
+    points = torch.cat([points_around(grid, 700, 0.4), nodes, torch.tensor([[1e9, 2.0, -1e15], [0, 1e-300, 5.2]])])
+    points = points.to(dtype)
+    value, gradient = grid.value_and_gradient(points)
+    naive_value, naive_gradient = interpolate(points, grid.values, grid, with_gradient=True)
+    assert naive_gradient is not None
+    tolerance = {"atol": 1e-12, "rtol": 1e-12} if dtype == torch.float64 else {"atol": 2e-5, "rtol": 1e-5}
+    torch.testing.assert_close(value, naive_value, **tolerance)
+    outside = slice(0, 700)  # on nodes the gradient is that of either side
+    torch.testing.assert_close(
+        gradient[outside], naive_gradient[outside], **{**tolerance, "atol": tolerance["atol"] * 30}
+    )
+    torch.testing.assert_close(grid.distance(points), value, atol=0, rtol=0)
+
+
+def test_strided_points_and_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = random_grid()
+    points = points_around(grid, 1500, 0.3).float()
+    value, gradient = grid.value_and_gradient(points)
+    wide = torch.zeros(1500, 2, 3)
+    wide[:, 1] = points
+    assert torch.equal(grid.distance(wide[:, 1]), value)
+    assert torch.equal(grid.distance(points.flip(0)).flip(0), value)
+    monkeypatch.setattr(grids, "ENOUGH", 100)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 7)
+    again = grid.value_and_gradient(points)
+    assert torch.equal(again[0], value) and torch.equal(again[1], gradient)
+
+
+@pytest.mark.parametrize("beyond", [1.0, -1.0])
+def test_hessian_vector_products_are_those_of_the_naive_formula(beyond: float) -> None:
+    grid = random_grid(beyond)
+    points, vectors = points_around(grid, 200, 0.4), points_around(grid, 200, seed=9)
+
+    def formula(point: Tensor) -> Tensor:  # differentiable twice
+        local = (point - grid.origin) / grid.spacing
+        inside = local.clamp_min(0).minimum(torch.tensor(SHAPE) - 1.0)
+        cell = inside.detach().floor().minimum(torch.tensor(SHAPE) - 2.0).long()
+        share = inside - cell
+        total = point.new_zeros(())
+        for corner in torch.cartesian_prod(*[torch.arange(2)] * 3):
+            weight = torch.where(corner == 1, share, 1 - share).prod()
+            total = total + weight * grid.values[tuple((cell + corner).tolist())]
+        away = (local - inside)[local != inside]
+        return total + beyond * grid.spacing * torch.linalg.vector_norm(away) if len(away) else total
+
+    expected = [
+        torch.autograd.functional.hvp(formula, point, vector)[1] for point, vector in zip(points, vectors, strict=True)
+    ]
+    torch.testing.assert_close(grid.hessian_vector(points, vectors), torch.stack(expected), atol=1e-9, rtol=1e-9)
+    batch = grid.hessian_vector(points.reshape(4, 50, 3).float(), vectors.reshape(4, 50, 3).float())
+    assert batch.dtype == torch.float32 and batch.shape == (4, 50, 3)
 
 
 def test_the_second_derivative_is_refused() -> None:
