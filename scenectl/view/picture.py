@@ -142,6 +142,8 @@ class Picture:
     def _look(self, poses: list[int], aspect: float) -> Camera:
         """A camera for the motion, or for the whole scene where there is none."""
         parts = [triangles for triangles, _, _ in self._solids]
+        last = self._time(poses[-1]) if poses else 0.0  # when what moves is drawn solid
+        parts += [thing.mesh(last).triangles for thing in self.scene.moving]
         triangles = np.concatenate(parts) if parts else np.zeros((0, 3, 3))
         along = np.zeros(2)
         if not poses:
