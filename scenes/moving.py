@@ -283,7 +283,7 @@ def _zero_level(grid: SdfGrid, name: str) -> Mesh:
     from skimage.measure import marching_cubes
 
     try:
-        vertices, faces, _, _ = marching_cubes(grid.arrays()["values"], 0.0, gradient_direction="ascent")
+        vertices, faces, _, _ = marching_cubes(grid.arrays()["values"], 0.0)
     except ValueError as error:
         raise UserError(f"object '{name}' is a grid that is nowhere 0, so it has no surface; bake it again") from error
     return Mesh(grid.nodes(vertices), faces, name, "grid")

@@ -154,6 +154,18 @@ def test_what_moves_is_drawn_where_it_is_when_the_body_is(tiny: ModuleType) -> N
         plotter.close()
 
 
+def test_pictures_ask_for_the_moments_they_show(
+    tiny: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[float]] = []
+    monkeypatch.setattr(Picture, "add_moving", lambda self, plotter, times: asked.append(times))
+    picture = Picture(moving_scene(), walk(tiny))
+    picture.draw(tmp_path / "all.png", size=SMALL)
+    picture.draw(tmp_path / "one.png", at=1.5, size=SMALL)
+    Picture(moving_scene()).draw(tmp_path / "scene.png", size=SMALL)
+    assert asked == [pytest.approx([0.0, 0.65, 1.35, 2.0], abs=0.06), pytest.approx([1.5]), [0.0]]
+
+
 def test_slices_and_the_window_follow_what_moves(tiny: ModuleType) -> None:
     picture = Picture(moving_scene(), walk(tiny))
     for time, x in ((0.0, 3.0), (2.0, 1.0)):

@@ -68,7 +68,7 @@ def test_headings_are_turned_evenly_the_shorter_way() -> None:
 
 def test_half_turns_go_the_way_they_were_stated() -> None:
     for sign in (1, -1):
-        for start in np.linspace(-4, 4, 9):
+        for start in np.linspace(-4, 4, 33):  # some round below zero
             way = Trajectory((0, 1, 2), ((0, 0, 0),) * 3, tuple(float(start + sign * k * math.pi) for k in range(3)))
             _, rotation = way.at(torch.tensor([0.5, 1.5], dtype=torch.float64))
             quarter = torch.tensor([start + sign * math.pi / 2, start + sign * 1.5 * math.pi], dtype=torch.float64)
@@ -211,6 +211,8 @@ def test_a_grid_that_was_baked_before_serves_as_well(tmp_path: Path) -> None:
         gap -= ell().distance_exact(points().numpy(), moments().numpy())
         assert np.abs(gap).max() < made.grid.spacing
     assert from_bake.digest == from_file.digest
+    a, b, c = np.moveaxis(from_file.solid.triangles, 1, 0)
+    assert float((a * np.cross(b, c)).sum()) > 0  # facing outward, as pictures want it
 
 
 def test_scenes_hold_objects() -> None:
@@ -230,6 +232,20 @@ def test_scenes_hold_objects() -> None:
         high, boxes[:, 1].max(axis=0), atol=5e-3
     )
     assert (scene.bounds[0] <= low).all() and (scene.bounds[1] >= high).all()
+
+
+def test_bounds_follow_a_turn_that_ends_where_it_began() -> None:
+    door = Box((0.5, 1.0, 0.0), (1.0, 2.0, 0.1))
+    swing = Trajectory((0.0, 1.0), ((0, 0, 0),) * 2, headings=(0.0, math.pi))
+    low, high = MovingObject(door, swing).bounds
+    assert low.tolist() == pytest.approx([-1.0, 0.0, -1.0], abs=0.01)  # +pi/2 turns its +x to -z
+    assert high.tolist() == pytest.approx([1.0, 2.0, 0.05], abs=0.01)
+
+
+def test_bakes_of_objects_are_cached_whatever_their_way(tmp_path: Path) -> None:
+    for way in (WAY, STAND):
+        MovingObject(l_shape(), way, resolution=16, cache=tmp_path).distance(points())
+    assert len(list(tmp_path.glob("*.npz"))) == 1
 
 
 def test_the_digest_knows_everything_distances_depend_on() -> None:
