@@ -33,8 +33,8 @@ PADDING = 0.3
 """Metres of grid around an object. Beyond its grid a distance is an upper bound (see `SdfGrid.distance`); this is more
 than the thickest part of a body and its margin, so that the bound never hides a contact."""
 
-HALF_TURN = 1e-9
-"""How far below 0 rounding may put the scalar part of a half turn, which then still goes the way it was stated."""
+HALF_TURN = 1e-3
+"""A turn may exceed a half by twice this many radians and still go the way it was stated: people write 3.1416."""
 
 
 @dataclass(frozen=True)
@@ -111,15 +111,16 @@ class Trajectory:
 
     @cached_property
     def _steps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Axis ``[L, 3]``, in the frame where the leg begins, and angle ``[L]`` (rad, 0 to pi) of each leg."""
+        """Axis ``[L, 3]``, in the frame where the leg begins, and angle ``[L]`` (rad, 0 to about pi) of each leg."""
         if len(self.times) == 1:
             return np.zeros((1, 3)), np.zeros(1)
         a, b = self._unit[:-1], self._unit[1:]
         scalar = (a * b).sum(axis=1)
         vector = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
-        vector[scalar < -HALF_TURN] *= -1
+        shorter = np.where(scalar < -HALF_TURN, -1.0, 1.0)  # q and -q are the same rotation
         sine = np.linalg.norm(vector, axis=1)
-        return vector / np.maximum(sine, 1e-300)[:, None], 2 * np.arctan2(sine, np.abs(scalar))
+        axis = shorter[:, None] * vector / np.maximum(sine, 1e-300)[:, None]
+        return axis, 2 * np.arctan2(sine, shorter * scalar)
 
     @property
     def _unit(self) -> np.ndarray:
@@ -145,7 +146,8 @@ def _rows(name: str, given: Sequence[Number] | Sequence[Sequence[Number]], count
     if size == 1:
         return tuple(rows.tolist())
     lengths = np.linalg.norm(rows, axis=1)
-    if (worst := int(np.abs(lengths - 1).argmax())) >= 0 and abs(lengths[worst] - 1) > 0.01:
+    worst = int(np.abs(lengths - 1).argmax())
+    if abs(lengths[worst] - 1) > 0.01:
         raise UserError(
             f"trajectory quaternion {worst} has length {lengths[worst]:.3g}; give unit quaternions w, x, y, z"
         )
