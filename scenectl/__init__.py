@@ -18,6 +18,7 @@ _HOME = {
     "Cylinder": "scenes.primitives",
     "Mesh": "scenes.mesh",
     "Motion": "scenes.motion",
+    "MovingObject": "scenes.moving",
     "Objective": "objectives",
     "ObjectiveGuide": "scenectl.control",
     "Plane": "scenes.primitives",
@@ -28,6 +29,7 @@ _HOME = {
     "Sphere": "scenes.primitives",
     "Task": "scenectl.task",
     "Term": "objectives",
+    "Trajectory": "scenes.moving",
     "UserError": "scenes.errors",
     "Waypoints": "scenes.primitives",
     "bundled": "scenes.scene",
@@ -50,6 +52,7 @@ __all__ = [
     "Cylinder",
     "Mesh",
     "Motion",
+    "MovingObject",
     "Objective",
     "ObjectiveGuide",
     "Plane",
@@ -60,6 +63,7 @@ __all__ = [
     "Sphere",
     "Task",
     "Term",
+    "Trajectory",
     "UserError",
     "Waypoints",
     "__version__",
@@ -87,6 +91,7 @@ if TYPE_CHECKING:
     from scenes.floor import free_area
     from scenes.mesh import Mesh, load_mesh
     from scenes.motion import Motion, Pose2D
+    from scenes.moving import MovingObject, Trajectory
     from scenes.primitives import Box, Capsule, Cylinder, Plane, Sphere, Waypoints, csg
     from scenes.scene import Scene, bundled, load_scene
 

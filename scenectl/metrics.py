@@ -112,7 +112,8 @@ class Scorer:
     def depths(self, motion: Motion) -> Depths:
         """Depth of the body in obstacles and in the floor for every frame of one motion, ``[T, J, 3]``.
 
-        An obstacle is every primitive and every triangle that is not a level piece at the height of the floor.
+        An obstacle is every primitive, every object that moves, where it is at each frame's time, and every triangle of
+        a mesh that is not a level piece at the height of the floor.
         Frames that are padding are 0 deep.
         """
         joints = motion.joints.detach().cpu().double().numpy()
@@ -145,6 +146,8 @@ class Scorer:
         for shape in self.scene.primitives:
             if not isinstance(shape, Plane):
                 best = np.minimum(best, shape.distance(tensor, when).numpy())
+        for thing in self.scene.objects:
+            best = np.minimum(best, thing.distance_exact(points, times))
         # Below the floor everything is solid; only above it does a negative sign mean the inside of an obstacle.
         inside = (signed < 0) & (points[:, 1] > self.scene.floor.height) & (best > 0)
         if self._obstacles:

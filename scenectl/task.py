@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -20,10 +20,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from objectives import Context, Objective, Term
 from scenectl.control.settings import GuidanceSettings, SolverSettings
+from scenes.bake import Bake
 from scenes.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, did_you_mean
 from scenes.floor import FreeArea, free_area, path_length, resample
+from scenes.grid import SdfGrid
+from scenes.mesh import Mesh, load_mesh
 from scenes.motion import Motion, Pose2D
+from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import PRIMITIVES, Primitive, primitive
 from scenes.scene import BUNDLED, Scene, bundled, bundled_names, load_scene
 
@@ -38,11 +42,57 @@ GROUND = 0.2
 SHORTEST, LONGEST = 1.8, 9.8
 """Seconds that the generators can make (36 to 196 frames)."""
 
+Unit: TypeAlias = Literal["m", "cm", "mm", "in", "ft"]
+Axis: TypeAlias = Literal["x", "y", "z"]
+Resolution: TypeAlias = Annotated[int, Field(ge=8, le=512)]
+
+Given = TypeVar("Given")
+Made = TypeVar("Made")
+
 
 class _Table(BaseModel):
     """A table of a task file: unknown keys are errors that name the nearest known one."""
 
     model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, populate_by_name=True, frozen=True)
+
+
+class ObjectSpec(_Table):
+    """A rigid object that moves: a mesh file or a primitive, in a frame of its own, and where that frame is over time.
+
+    Attributes:
+        mesh: file (GLB, glTF, OBJ, PLY, STL, OFF).
+        primitive: a table as in `scene.primitives`, instead of a mesh.
+        times: seconds, increasing.
+        positions: of the frame's origin at those times, [x, y, z] each, world metres; straight lines between them.
+        headings: radians about +y at those times, pi/2 turns +z to +x; even turns the shorter way between them.
+        quaternions: rotations [w, x, y, z] instead of headings.
+        name: for reports; by default the file's.
+        unit, up: of the file, as for a scene.
+        resolution: nodes along the longest side of the mesh's own distance grid.
+    """
+
+    mesh: Path | None = None
+    primitive: dict[str, Any] | None = None
+    times: tuple[float, ...]
+    positions: tuple[tuple[float, float, float], ...]
+    headings: tuple[float, ...] | None = None
+    quaternions: tuple[tuple[float, float, float, float], ...] | None = None
+    name: str = ""
+    unit: Unit | None = None
+    up: Axis | None = None
+    resolution: Resolution = 128
+
+    def build(self) -> MovingObject:
+        """Read the mesh; raises UserError for what cannot be right. Nothing is baked yet."""
+        if (self.mesh is None) == (self.primitive is None):
+            raise UserError("an object needs either 'mesh' or 'primitive'")
+        trajectory = Trajectory(self.times, self.positions, self.headings, self.quaternions)
+        if self.mesh is not None:
+            return MovingObject(load_mesh(self.mesh, self.unit, self.up), trajectory, self.name, self.resolution)
+        if given := self.model_fields_set & {"unit", "up", "resolution"}:
+            raise UserError(f"'{min(given)}' is for meshes, and this object is a primitive; leave it out")
+        assert self.primitive is not None
+        return MovingObject(_shape(self.primitive), trajectory, self.name)
 
 
 class SceneSpec(_Table):
@@ -56,32 +106,35 @@ class SceneSpec(_Table):
         free_space: "auto", "outside" or a point [x, y, z] in the air.
         resolution: nodes along the longest side of the distance grid.
         primitives: tables with `shape` ("box", "sphere", "capsule", "cylinder", "plane") and its parameters.
+        objects: what moves (`ObjectSpec`), [[scene.objects]] tables.
     """
 
     bundled: str | None = None
     file: Path | None = None
-    unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
-    up: Literal["x", "y", "z"] | None = None
+    unit: Unit | None = None
+    up: Axis | None = None
     floor: float | None = None
     free_space: Literal["auto", "outside"] | tuple[float, float, float] = "auto"
-    resolution: Annotated[int, Field(ge=8, le=512)] = 256
+    resolution: Resolution = 256
     primitives: tuple[dict[str, Any], ...] = ()
+    objects: tuple[ObjectSpec, ...] = ()
 
     def build(self) -> Scene:
         """Read the files; raises UserError for what cannot be read. Nothing is baked yet."""
-        shapes = [_shape(table, index) for index, table in enumerate(self.primitives)]
+        shapes = [_named(f"primitive {k + 1}", _shape, table) for k, table in enumerate(self.primitives)]
+        objects = [_named(f"object {k + 1}", ObjectSpec.build, spec) for k, spec in enumerate(self.objects)]
         if self.bundled is not None and self.file is not None:
             raise UserError("scene states both 'bundled' and 'file'; keep one of them")
         if self.bundled is not None:
             given = self.model_fields_set & {"unit", "up", "floor", "free_space"}
             if given:
                 raise UserError(f"scene: '{min(given)}' is known for the bundled scene '{self.bundled}'; leave it out")
-            return bundled(self.bundled, self.resolution, shapes)
+            return bundled(self.bundled, self.resolution, shapes, objects=objects)
         if self.file is not None:
-            return load_scene(
-                self.file, self.unit, self.up, self.floor, self.resolution, self.free_space, primitives=shapes
-            )
-        return Scene(primitives=shapes, floor=self.floor or 0.0, name="primitives" if shapes else "empty")
+            told = (self.unit, self.up, self.floor, self.resolution, self.free_space)
+            return load_scene(self.file, *told, primitives=shapes, objects=objects)
+        name = "primitives" if shapes else "objects" if objects else "empty"
+        return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects)
 
 
 class Start(_Table):
@@ -216,8 +269,10 @@ class Task(_Table):
         folder = Path(data.get("folder") or ".")
         if isinstance(data.get("scene"), str | Path):
             data["scene"] = _named_scene(str(data["scene"]), folder)
-        if isinstance(data.get("scene"), Mapping) and isinstance(data["scene"].get("file"), str | Path):
-            data["scene"] = {**data["scene"], "file": folder / data["scene"]["file"]}
+        if isinstance(data.get("scene"), Mapping):
+            data["scene"] = _beside(folder, data["scene"], "file")
+            if isinstance(things := data["scene"].get("objects"), list | tuple):
+                data["scene"]["objects"] = [_beside(folder, t, "mesh") if isinstance(t, Mapping) else t for t in things]
         weights = data.get("generator", {}).get("weights") if isinstance(data.get("generator"), Mapping) else None
         if isinstance(weights, str) and weights != "default":
             data["generator"] = {**data["generator"], "weights": str(folder / weights)}
@@ -264,7 +319,7 @@ class Task(_Table):
         if isinstance(self.start, Start):
             p = self.start.position
             return (p[0], ground, p[1]) if len(p) == 2 else (p[0], p[1], p[2])
-        if self.start is None and not scene.meshes and not scene.primitives:
+        if self.start is None and not (scene.meshes or scene.primitives or scene.objects):
             return 0.0, ground, 0.0
         area = free_area(scene) if area is None else area
         if self.walk is None:
@@ -423,29 +478,53 @@ def _named_scene(name: str, folder: Path) -> dict[str, Any]:
     )
 
 
-def _shape(table: Mapping[str, Any], index: int) -> Primitive:
-    if "shape" not in table:
-        raise UserError(f"scene: primitive {index + 1} needs 'shape', such as shape = \"box\"")
-    rest = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items() if key != "shape"}
+def _beside(folder: Path, table: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """A table whose file, where it names one, is looked for in `folder`."""
+    return {**table, key: folder / table[key]} if isinstance(table.get(key), str | Path) else dict(table)
+
+
+def _named(what: str, build: Callable[[Given], Made], given: Given) -> Made:
+    """Build a part of the scene; what is wrong with it says which part it is."""
     try:
-        return primitive(str(table["shape"]), **rest)
+        return build(given)
     except (TypeError, ValueError) as error:
-        raise UserError(f"scene: primitive {index + 1}: {error}") from error
+        raise UserError(f"scene: {what}: {error}") from error
+
+
+def _shape(table: Mapping[str, Any]) -> Primitive:
+    if "shape" not in table:
+        raise UserError("a primitive needs 'shape', such as shape = \"box\"")
+    return primitive(
+        str(table["shape"]), **{k: tuple(v) if isinstance(v, list) else v for k, v in table.items() if k != "shape"}
+    )
 
 
 def _scene_table(scene: Scene) -> dict[str, Any] | str:
     """A scene built in Python as the table that would build it; its name where its meshes are in no file."""
     shapes = [_shape_table(shape) for shape in scene.primitives]
-    facts: dict[str, Any] = {"resolution": scene.resolution, "primitives": shapes}
+    objects = [_object_table(thing) for thing in scene.objects]
+    if len(scene.meshes) > 1 or None in objects:
+        return scene.name
+    facts: dict[str, Any] = {"resolution": scene.resolution, "primitives": shapes, "objects": objects}
     if not scene.meshes:
         return {**facts, "floor": scene.stated_floor}
     mesh = scene.meshes[0]
-    if len(scene.meshes) > 1 or not Path(mesh.source).is_file():
+    if not Path(mesh.source).is_file():
         return scene.name
     if Path(mesh.source).parent == BUNDLED:
         return {**facts, "bundled": mesh.name}
     told = {"unit": mesh.unit, "up": mesh.up, "floor": scene.stated_floor, "free_space": scene.free_space}
     return {**facts, "file": str(Path(mesh.source).resolve()), **_plain(told)}
+
+
+def _object_table(thing: MovingObject) -> dict[str, Any] | None:
+    """An object built in Python as the [[scene.objects]] table that would build it; None where it is in no file."""
+    told = {"name": thing.name, **_plain(asdict(thing.trajectory))}
+    shape = thing.shape
+    if isinstance(shape, Mesh):
+        file = {"mesh": str(Path(shape.source).resolve()), "unit": shape.unit, "up": shape.up}
+        return {**told, **file, "resolution": thing.resolution} if Path(shape.source).is_file() else None
+    return None if isinstance(shape, Bake | SdfGrid) else {**told, "primitive": _shape_table(shape)}
 
 
 def _shape_table(shape: Primitive) -> dict[str, Any]:
@@ -486,6 +565,7 @@ def _keys(model: type[BaseModel]) -> set[str]:
 
 _TABLES: dict[str, type[BaseModel]] = {
     "scene": SceneSpec,
+    "objects": ObjectSpec,
     "start": Start,
     "walk": Walk,
     "generator": GeneratorSpec,
@@ -499,20 +579,33 @@ def _sentence(error: ValidationError, data: Mapping[str, Any]) -> str:
     found = error.errors(include_url=False)
     # A union reports each alternative it tried; what failed deepest inside a table is what the person meant.
     first = max(found, key=lambda e: (e["type"] == "value_error", e["type"] == "extra_forbidden", len(e["loc"])))
-    where = [str(part) for part in first["loc"]]
-    key, table = (where[0] if where else "task"), _TABLES.get(where[0] if where else "")
+    *_, key = where = first["loc"] or ("task",)
     if first["type"] == "value_error":
         return first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
-        if len(where) == 1:
-            return f"unknown key '{key}'{did_you_mean(key, _keys(Task))}"
-        return f"[{key}]: unknown key '{where[-1]}'{did_you_mean(where[-1], _keys(table) if table else ())}"
-    if first["type"] == "missing":
-        return f"'{where[-1]}' is missing" + (f" in [{key}]" if len(where) > 1 else "")
-    inner = [part for part in where[1:] if table is not None and part in _keys(table)]
-    name = ".".join([key, *inner])
-    given = data.get(key)
-    for part in inner:
-        given = given.get(part) if isinstance(given, Mapping) else given
-    message = first["msg"][:1].lower() + first["msg"][1:]
+        name, table, _ = _locate(where[:-1], data)
+        return (f"[{name}]: " if name else "") + f"unknown key '{key}'{did_you_mean(str(key), _keys(table))}"
+    if first["type"] == "missing" and isinstance(key, str):
+        name, _, _ = _locate(where[:-1], data)
+        return f"'{key}' is missing" + (f" in [{name}]" if name else "")
+    name, _, given = _locate(where, data)
+    message = "a number is missing" if first["type"] == "missing" else first["msg"][:1].lower() + first["msg"][1:]
     return f"'{name}' is {given!r}: {message}"
+
+
+def _locate(where: Sequence[int | str], data: Any) -> tuple[str, type[BaseModel], Any]:
+    """The last key on the way to an error: its name, the kind of table that it names or belongs to, and its value.
+
+    Tables in lists are counted from 1; what else is on the way tells the alternatives of a union apart.
+    """
+    name, given = "", data
+    inside: type[BaseModel] = Task
+    for part in where:
+        if isinstance(part, str) and part in _keys(inside):
+            name, given = f"{name}.{part}".removeprefix("."), given.get(part) if isinstance(given, Mapping) else None
+            if part not in _TABLES:
+                break
+            inside = _TABLES[part]
+        elif isinstance(part, int) and isinstance(given, list | tuple):
+            name, given = f"{name} {part + 1}", given[part]
+    return name, inside, given

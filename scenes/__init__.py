@@ -9,6 +9,7 @@ from scenes.grid import SdfGrid
 from scenes.lattice import Lattice
 from scenes.mesh import Mesh, load_mesh
 from scenes.motion import Motion, Pose2D
+from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import (
     PRIMITIVES,
     Box,
@@ -38,6 +39,7 @@ __all__ = [
     "Lattice",
     "Mesh",
     "Motion",
+    "MovingObject",
     "Plane",
     "Pose2D",
     "Primitive",
@@ -46,6 +48,7 @@ __all__ = [
     "SdfGrid",
     "Skeleton",
     "Sphere",
+    "Trajectory",
     "UserError",
     "Waypoints",
     "bake",

@@ -151,3 +151,9 @@ def is_free(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
     doubtful = np.flatnonzero(rule.margin(winding) < 0.02)
     winding[doubtful] = surface.winding(points[doubtful])
     return rule.free(winding)
+
+
+def signed_distance(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
+    """Exact distance (m) of ``[n, 3]`` world points (m) to the triangles, positive in free space: the oracle."""
+    unsigned = surface.unsigned_distance(points)
+    return np.where(is_free(surface, rule, points), unsigned, -unsigned)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
@@ -67,18 +67,35 @@ class Waypoints:
         object.__setattr__(self, "positions", positions)
 
     def at(self, time: Float[Tensor, "*t"]) -> Float[Tensor, "*t 3"]:
-        """Position (m) at each time (s)."""
-        positions = time.new_tensor(self.positions)
+        """Position (m) at each time (s), differentiable in time."""
+        leg, share = self.leg(time)
+        steps = np.diff(self.positions, axis=0) if len(self.times) > 1 else np.zeros((1, 3))
+        return time.new_tensor(self.positions)[leg] + share.unsqueeze(-1) * time.new_tensor(steps)[leg]
+
+    def leg(self, time: Float[Tensor, "*t"]) -> tuple[Int[Tensor, "*t"], Float[Tensor, "*t"]]:
+        """Which of the K - 1 legs each time (s) belongs to, and the share of it that has passed, 0 to 1.
+
+        A single waypoint counts as one leg, of which nothing ever passes.
+        """
         if len(self.times) == 1:
-            return positions[0].expand(*time.shape, 3)
+            return torch.zeros_like(time, dtype=torch.long), torch.zeros_like(time)
         times = time.new_tensor(self.times)
-        left = (torch.bucketize(time.detach(), times) - 1).clamp(0, len(self.times) - 2)
-        share = ((time - times[left]) / (times[left + 1] - times[left])).clamp(0.0, 1.0).unsqueeze(-1)
-        return positions[left] + share * (positions[left + 1] - positions[left])
+        leg = (torch.bucketize(time.detach(), times) - 1).clamp(0, len(self.times) - 2)
+        return leg, ((time - times[leg]) / (times[leg + 1] - times[leg])).clamp(0.0, 1.0)
 
     def offset(self, time: Tensor | None, like: Tensor) -> Tensor:
         """Position at `time`, or at 0 s when no time is given, with the type and device of `like`."""
-        return self.at(like.new_zeros(()) if time is None else torch.as_tensor(time).to(like))
+        return self.at(clock(time, like))
+
+
+def clock(time: Tensor | None, like: Tensor) -> Tensor:
+    """A time (s) with the type and device of `like`; 0 s when none is given."""
+    return like.new_zeros(()) if time is None else torch.as_tensor(time).to(like)
+
+
+def moment(time: Number) -> Float[Tensor, ""]:
+    """One time (s) in double precision."""
+    return torch.tensor(time, dtype=torch.float64)
 
 
 @dataclass(frozen=True)
@@ -144,12 +161,12 @@ class Sphere:
         away: Tensor = torch.linalg.vector_norm(points - self.center_at(time, points), dim=-1)
         return away - self.radius
 
-    def mesh(self) -> Mesh:
-        """Its surface at 0 s as 1280 triangles facing outward, vertices on the sphere."""
+    def mesh(self, time: Number = 0.0) -> Mesh:
+        """Its surface at `time` (s) as 1280 triangles facing outward, vertices on the sphere."""
         import trimesh
 
         solid = trimesh.creation.icosphere(subdivisions=3, radius=self.radius)
-        center = self.center_at(None, torch.zeros((), dtype=torch.float64)).numpy()
+        center = self.center_at(moment(time), moment(time)).numpy()
         return Mesh(solid.vertices + center, solid.faces, "sphere", "primitive")
 
 
@@ -190,11 +207,11 @@ class Capsule:
         away: Tensor = torch.linalg.vector_norm(points - a - along * axis, dim=-1)
         return away - self.radius
 
-    def mesh(self) -> Mesh:
-        """Its surface at 0 s as triangles facing outward, vertices on the capsule."""
+    def mesh(self, time: Number = 0.0) -> Mesh:
+        """Its surface at `time` (s) as triangles facing outward, vertices on the capsule."""
         import trimesh
 
-        a, b = (end.numpy() for end in self.ends_at(None, torch.zeros((), dtype=torch.float64)))
+        a, b = (end.numpy() for end in self.ends_at(moment(time), moment(time)))
         length = float(np.linalg.norm(b - a))
         solid = trimesh.creation.capsule(height=length, radius=self.radius, count=(24, 24))
         direction = (b - a) / length if length > 0 else np.array([0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""Scenes: meshes, analytic shapes and a floor, as one distance field."""
+"""Scenes: meshes, analytic shapes, objects that move and a floor, as one distance field."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from torch import Tensor
 from scenes.bake import Bake, bake, check_resolution
 from scenes.errors import UserError, did_you_mean
 from scenes.field import DistanceField
-from scenes.free_space import FreeSpace, Rule, check_free_space, decide, is_free
+from scenes.free_space import FreeSpace, Rule, check_free_space, decide, signed_distance
 from scenes.mesh import Mesh, load_mesh
-from scenes.primitives import Plane, Primitive
+from scenes.moving import MovingObject
+from scenes.primitives import Capsule, Plane, Primitive, Sphere
 from scenes.surface import Surface
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ BUNDLED = Path(__file__).parent / "bundled"
 
 
 class Scene:
-    """What a person can meet: any mix of meshes and primitives, and the floor.
+    """What a person can meet: any mix of meshes, primitives and objects that move, and the floor.
 
     Meshes are baked when distances are first asked for (or read from the cache), so that a scene can be described and
     checked at no cost.
@@ -47,6 +48,7 @@ class Scene:
         free_space: FreeSpace = "auto",
         cache: Path | Literal["default"] | None = "default",
         name: str = "scene",
+        objects: Sequence[MovingObject] = (),
     ) -> None:
         """Describe a scene.
 
@@ -60,9 +62,11 @@ class Scene:
                 must lie within at least one; the others are solid inside.
             cache: folder of bakes, "default", or None.
             name: for reports.
+            objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
         """
         self.meshes = tuple(meshes)
         self.primitives = tuple(primitives)
+        self.objects = tuple(objects)
         check_resolution(resolution)
         self.resolution = resolution
         self.free_space = check_free_space(free_space)
@@ -93,8 +97,8 @@ class Scene:
 
     @cached_property
     def fields(self) -> tuple[DistanceField, ...]:
-        """Everything that `distance` is the minimum of: grids, primitives, and the floor plane if there is one."""
-        return (*(result.grid for result in self.bakes), *self.primitives, *self.planes)
+        """Everything that `distance` is the minimum of: grids, primitives, objects, and the floor plane if stated."""
+        return (*(result.grid for result in self.bakes), *self.primitives, *self.objects, *self.planes)
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Signed distance (m) to the nearest of all fields, positive in free space, differentiable.
@@ -109,7 +113,7 @@ class Scene:
         """Signed distance (m) from the triangles themselves: the oracle that scores motions.
 
         Slow and independent of every grid: libigl's point-to-mesh distance with the sign of the winding number under
-        the bake's rule; primitives and the floor are analytic.
+        the bake's rule; primitives and the floor are analytic; objects are met where they are at each point's time.
 
         Args:
             points: ``[n, 3]`` metres, world.
@@ -126,9 +130,8 @@ class Scene:
         tensor = torch.from_numpy(np.ascontiguousarray(points))
         when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
         results = [shape.distance(tensor, when).numpy() for shape in (*self.primitives, *self.planes)]
-        for surface, rule in self._surfaces:
-            unsigned = surface.unsigned_distance(points)
-            results.append(np.where(is_free(surface, rule, points), unsigned, -unsigned))
+        results += [signed_distance(surface, rule, points) for surface, rule in self._surfaces]
+        results += [thing.distance_exact(points, time) for thing in self.objects]
         nearest: np.ndarray = np.minimum.reduce(results)
         return nearest
 
@@ -163,15 +166,20 @@ class Scene:
             return Floor(height=float(self.stated_floor), found=False)
         return find_floor(self.meshes)
 
+    @property
+    def moving(self) -> tuple[MovingObject | Sphere | Capsule, ...]:
+        """The objects and primitives whose ``mesh(time)`` depends on the time."""
+        shapes = [p for p in self.primitives if isinstance(p, Sphere | Capsule) and p.motion is not None]
+        return (*self.objects, *shapes)
+
     @cached_property
     def bounds(self) -> np.ndarray:
-        """Lowest and highest corner of meshes and primitives with their motions, ``[2, 3]``, metres.
+        """Lowest and highest corner of meshes, primitives and objects with their motions, ``[2, 3]``, metres.
 
         A scene with nothing but a floor has no bounds of its own; it is given 40 x 4 x 40 m around the origin.
         """
-        solids = [mesh.bounds for mesh in self.meshes] + [
-            _reach(p) for p in self.primitives if not isinstance(p, Plane)
-        ]
+        solids = [mesh.bounds for mesh in self.meshes] + [thing.bounds for thing in self.objects]
+        solids += [_reach(p) for p in self.primitives if not isinstance(p, Plane)]
         if self.meshes:
             return _hull(solids)
         low = self.stated_floor or 0.0
@@ -187,30 +195,30 @@ class Scene:
                 self.stated_floor,
                 self.resolution,
                 self.free_space,
+                [thing.digest for thing in self.objects],
             )
         )
         return hashlib.sha256(text.encode()).hexdigest()
 
     def report(self) -> list[str]:
         """What was decided about each mesh, one sentence each; bakes them if that has not happened yet."""
-        return [result.summary for result in self.bakes]
+        moving = [thing.bake for thing in self.objects]
+        return [result.summary for result in (*self.bakes, *moving) if result is not None]
 
     def __repr__(self) -> str:
-        return f"Scene('{self.name}', meshes={len(self.meshes)}, primitives={len(self.primitives)})"
+        counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"
+        return f"Scene('{self.name}', {counts})"
 
 
 def _hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)])
 
 
-def _reach(shape: Any) -> np.ndarray:
+def _reach(shape: Primitive) -> np.ndarray:
     """Bounds ``[2, 3]`` of a primitive over its whole motion."""
-    bounds = shape.mesh().bounds
-    motion = getattr(shape, "motion", None)
-    if motion is None:
-        return np.asarray(bounds)
-    shifts = np.array(motion.positions) - motion.at(torch.zeros((), dtype=torch.float64)).numpy()
-    return _hull([bounds + shift for shift in shifts])
+    if isinstance(shape, Sphere | Capsule) and shape.motion is not None:
+        return _hull([shape.mesh(time).bounds for time in shape.motion.times])
+    return shape.mesh().bounds
 
 
 def load_scene(
@@ -222,10 +230,11 @@ def load_scene(
     free_space: FreeSpace = "auto",
     primitives: Sequence[Primitive] = (),
     cache: Path | Literal["default"] | None = "default",
+    objects: Sequence[MovingObject] = (),
 ) -> Scene:
-    """A scene from one mesh file, plus primitives; arguments as `load_mesh` and `Scene` take them."""
+    """A scene from one mesh file, plus primitives and objects; arguments as `load_mesh` and `Scene` take them."""
     mesh = load_mesh(path, unit, up)
-    return Scene([mesh], primitives, floor, resolution, free_space, cache, name=mesh.name)
+    return Scene([mesh], primitives, floor, resolution, free_space, cache, mesh.name, objects)
 
 
 def bundled_names() -> list[str]:
@@ -238,6 +247,7 @@ def bundled(
     resolution: int = 256,
     primitives: Sequence[Primitive] = (),
     cache: Path | Literal["default"] | None = "default",
+    objects: Sequence[MovingObject] = (),
 ) -> Scene:
     """A scene that comes with the package; raises UserError for an unknown name.
 
@@ -249,4 +259,5 @@ def bundled(
     if (notes := BUNDLED / f"{name}.toml").is_file():
         facts = tomllib.loads(notes.read_text(encoding="utf-8"))
     mesh = load_mesh(BUNDLED / f"{name}.glb")
-    return Scene([mesh], primitives, facts.get("floor"), resolution, facts.get("free_space", "auto"), cache, name=name)
+    free_space = facts.get("free_space", "auto")
+    return Scene([mesh], primitives, facts.get("floor"), resolution, free_space, cache, name, objects)

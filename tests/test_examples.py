@@ -47,3 +47,26 @@ def test_run_a_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtu
     run("03_run_a_task.py", monkeypatch, str(task), str(tmp_path / "out"))
     assert "Deepest in an obstacle: 0 mm" in capsys.readouterr().out
     assert (tmp_path / "out" / "preview.png").is_file()
+
+
+def test_the_cart_is_what_its_script_makes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from scenes.mesh import load_mesh
+
+    run("make_cart.py", monkeypatch, str(tmp_path / "cart.glb"))
+    made, kept = load_mesh(tmp_path / "cart.glb"), load_mesh(EXAMPLES / "tasks" / "cart.glb")
+    assert made.faces.shape == kept.faces.shape  # other versions of the libraries may order them differently
+    assert abs(made.bounds - kept.bounds).max() < 1e-6
+    assert kept.bounds[0, 1] == pytest.approx(0.0, abs=1e-6)  # it stands on the floor
+
+
+def test_the_cart_is_let_pass() -> None:
+    import scenectl as sc
+    from scenectl.models.bundle import load_bundle
+
+    try:
+        load_bundle("default")
+    except UserError as error:
+        pytest.skip(f"needs the shipped weights: {error}")
+    best = sc.run(sc.load_task(EXAMPLES / "tasks" / "crossing_cart.toml"), samples=1).samples[0]
+    assert best.met
+    assert float(best.metrics["deepest_penetration_m"] or 0.0) < 0.01  # 0.2 without the goal

@@ -28,7 +28,7 @@ from scenes.scene import Scene
 SIZE = (1600, 1000)
 _BACK, _HORIZON = "#f4f2ee", "#dfe5ea"
 _FIRST, _LAST = np.array([238, 208, 190.0]), np.array([212, 78, 34.0])  # a person's colour at the start and the end
-_PATH, _GOAL, _OBSTACLE = "#2f7d6b", "#c8322b", "#7a5ea8"
+_PATH, _GOAL, _OBSTACLE = "#2f7d6b", "#c8322b", (122, 94, 168)
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,10 @@ class Picture:
         camera = self._look(poses, size[0] / size[1])
         self._add_scene(plotter, camera, poses)
         self._add_goals(plotter)
+        self.add_moving(plotter, [self._time(frame) for frame in poses] or [0.0])
         self._add_people(plotter, poses, clearance)
         if show_slice:
-            self._add_slice(plotter, self._hip_height)
+            self._add_slice(plotter, self._hip_height, 0.0 if at is None else at)
         image = plotter.screenshot(return_img=True)
         plotter.close()
         from PIL import Image
@@ -115,6 +116,10 @@ class Picture:
     def _hip_height(self) -> float:
         return self.scene.floor.height + 0.9
 
+    def _time(self, frame: int) -> float:
+        """Seconds on the task's clock."""
+        return 0.0 if self.motion is None else float(self.motion.times[frame])
+
     def _joints(self, frame: int) -> np.ndarray:
         assert self.motion is not None
         joints: np.ndarray = self.motion.joints[frame].detach().cpu().double().numpy()
@@ -125,7 +130,7 @@ class Picture:
         """(triangles ``[F, 3, 3]``, colours ``[F, 3]``, piece of each face ``[F]``) of every mesh and shape at rest."""
         found = [(mesh.triangles, face_colours(mesh), components(mesh)) for mesh in self.scene.meshes]
         for shape in self.scene.primitives:
-            if not isinstance(shape, Plane) and getattr(shape, "motion", None) is None:
+            if not isinstance(shape, Plane) and shape not in self.scene.moving:
                 mesh = shape.mesh()
                 found.append((mesh.triangles, face_colours(mesh), np.zeros(len(mesh.faces), dtype=int)))
         return found
@@ -137,6 +142,8 @@ class Picture:
     def _look(self, poses: list[int], aspect: float) -> Camera:
         """A camera for the motion, or for the whole scene where there is none."""
         parts = [triangles for triangles, _, _ in self._solids]
+        last = self._time(poses[-1]) if poses else 0.0  # when what moves is drawn solid
+        parts += [thing.mesh(last).triangles for thing in self.scene.moving]
         triangles = np.concatenate(parts) if parts else np.zeros((0, 3, 3))
         along = np.zeros(2)
         if not poses:
@@ -318,14 +325,13 @@ class Picture:
             plotter.add_mesh(pv.lines_from_points(kept).tube(radius=radius), color=colour, ambient=0.4)
 
     def _add_goals(self, plotter: Any) -> None:
-        """The planned path, targets, tracks, obstacles of goals, and moving shapes where they are over time."""
+        """The planned path, targets, tracks and obstacles of goals."""
         lift = np.array([0.0, 0.02, 0.0])
         if self.path is not None:
             self._add_line(plotter, self.path + lift, _PATH, 0.015)
             self._add_ring(plotter, self.path[-1] + lift, 0.1)
         for term in () if self.objective is None else self.objective.counted:
             self._add_term(plotter, term)
-        self._add_moving(plotter)
         if self.title:
             plotter.add_text(self.title, position=(0.015, 0.945), viewport=True, font_size=12, color="#40403c")
 
@@ -362,24 +368,25 @@ class Picture:
             pv.Disc(center=centre, inner=0.0, outer=0.03, normal=(0.0, 1.0, 0.0), c_res=24), color=_GOAL, lighting=False
         )
 
-    def _add_moving(self, plotter: Any) -> None:
-        """Shapes that move: pale at the start, strong at the end, as the person is."""
-        seconds = 0.0 if self.motion is None else self.motion.seconds
-        for shape in self.scene.primitives:
-            motion = getattr(shape, "motion", None)
-            if motion is None:
-                continue
-            rest = motion.at(torch.zeros((), dtype=torch.float64)).numpy()
-            times = np.linspace(0.0, seconds, 5) if seconds else np.zeros(1)
-            for time in times:
-                shift = motion.at(torch.tensor(time, dtype=torch.float64)).numpy() - rest
-                share = time / seconds if seconds else 1.0
-                data = triangles_to_vtk(shape.mesh().triangles + shift).clean()
-                plotter.add_mesh(data, color=_OBSTACLE, opacity=0.15 + 0.5 * share, smooth_shading=True)
+    @cached_property
+    def _moving_colours(self) -> list[np.ndarray]:
+        return [face_colours(thing.mesh(), _OBSTACLE) for thing in self.scene.moving]
 
-    def _add_slice(self, plotter: Any, height: float) -> Any:
-        """Signed distances on a horizontal plane; the white line is the surface."""
-        data = self.slice_at(height)
+    def add_moving(self, plotter: Any, times: list[float]) -> None:
+        """What moves, where it is at each time (s): pale at first, solid at last, as the person is."""
+        shares = np.linspace(0.0, 1.0, len(times)) if len(times) > 1 else np.ones(1)
+        for k, thing in enumerate(self.scene.moving):
+            for i, (time, share) in enumerate(zip(times, shares, strict=True)):
+                data = triangles_to_vtk(thing.mesh(time).triangles)
+                data.cell_data["colour"] = self._moving_colours[k]
+                plotter.add_mesh(
+                    data, scalars="colour", rgb=True, opacity=0.15 + 0.85 * share**2, ambient=0.36, diffuse=0.75,
+                    show_scalar_bar=False, name=f"moving {k} {i}",
+                )  # fmt: skip
+
+    def _add_slice(self, plotter: Any, height: float, time: float) -> Any:
+        """Signed distances on a horizontal plane at a time (s); the white line is the surface."""
+        data = self.slice_at(height, time)
         bar = {"title": "distance (m)", "color": "black", "width": 0.25, "position_x": 0.05, "position_y": 0.03}
         plotter.add_mesh(
             data, scalars="distance (m)", cmap="RdBu", clim=[-0.6, 0.6], opacity=0.6, lighting=False, name="slice",
@@ -390,8 +397,8 @@ class Picture:
             plotter.add_mesh(zero, color="white", line_width=3, name="slice surface", lighting=False)
         return data
 
-    def slice_at(self, height: float) -> Any:
-        """The distance field at a height (m), as a grid of 4 cm or coarser."""
+    def slice_at(self, height: float, time: float = 0.0) -> Any:
+        """The distance field at a height (m) and a time (s), as a grid of 4 cm or coarser."""
         import pyvista as pv
 
         low, high = self.scene.bounds
@@ -399,7 +406,7 @@ class Picture:
         x, z = np.arange(low[0], high[0] + step, step), np.arange(low[2], high[2] + step, step)
         grid = pv.StructuredGrid(*np.meshgrid(x, [height], z, indexing="ij"))
         with torch.no_grad():
-            distance = self.scene.distance(torch.as_tensor(np.array(grid.points)).float(), torch.zeros(grid.n_points))
+            distance = self.scene.distance(torch.as_tensor(np.array(grid.points)).float(), torch.tensor(time))
         grid.point_data["distance (m)"] = distance.numpy()
         return grid
 
@@ -453,13 +460,15 @@ class _Window:
         self.redraw()
 
     def redraw(self) -> None:
-        """Body and slice as they are now."""
+        """What moves, the body and the slice as they are now."""
+        now = self.picture._time(self.frame)
+        self.picture.add_moving(self.plotter, [now])
         if self.picture.motion is not None:
             self.picture.add_body(self.plotter, self.frame, _LAST.astype(int).tolist(), self.clearance, name="body")
         for name in ("slice", "slice surface"):
             self.plotter.remove_actor(name, render=False)
         if self.slice:
-            self.picture._add_slice(self.plotter, self.height)
+            self.picture._add_slice(self.plotter, self.height, now)
 
 
 def _light(plotter: Any, camera: Camera) -> None:

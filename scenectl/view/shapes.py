@@ -129,9 +129,9 @@ def soft_shadow(
     return x, z, dark
 
 
-def face_colours(mesh: Mesh) -> np.ndarray:
-    """sRGB colour of every face, ``[F, 3]`` uint8: those of the file it came from, else clay."""
-    plain = np.tile(np.array(CLAY, dtype=np.uint8), (len(mesh.faces), 1))
+def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarray:
+    """sRGB colour of every face, ``[F, 3]`` uint8: those of the file it came from, else `otherwise`."""
+    plain = np.tile(np.array(otherwise, dtype=np.uint8), (len(mesh.faces), 1))
     path = Path(mesh.source)
     if not path.is_file():
         return plain

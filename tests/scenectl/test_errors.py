@@ -16,6 +16,7 @@ import pytest
 from scenes.motion import Motion
 
 HEAD = 'prompt = "a person walks"\nseconds = 4.0\n'
+OBJECT = '[[scene.objects]]\nprimitive = { shape = "sphere", center = [0, 1, 0], radius = 0.2 }\n'
 BOX = '[[scene.primitives]]\nshape = "box"\ncenter = [0.0, 1.0, 2.0]\nsize = [1.0, 2.0, 1.0]\n'
 
 TASKS: dict[str, tuple[str, str]] = {
@@ -34,6 +35,19 @@ TASKS: dict[str, tuple[str, str]] = {
     "unknown primitive": ('[[scene.primitives]]\nshape = "boks"', "box"),
     "primitive without a shape": ("[[scene.primitives]]\ncenter = [0, 1, 1]", "shape"),
     "primitive of no size": ('[[scene.primitives]]\nshape = "sphere"\ncenter = [0, 1, 2]\nradius = -1.0', "radius"),
+    "object without a shape": ("[[scene.objects]]\ntimes = [0]\npositions = [[0, 0, 3]]", "'mesh' or 'primitive'"),
+    "object without times": (OBJECT + "positions = [[0, 0, 3]]", "'times' is missing in [scene.objects 1]"),
+    "object with an unknown key": (OBJECT + "times = [0]\npositions = [[0, 0, 3]]\nheading = [0]", "headings"),
+    "object whose times are words": (OBJECT + 'times = ["x"]\npositions = [[0, 0, 3]]', "scene.objects 1.times"),
+    "object with a position of two": (OBJECT + "times = [0]\npositions = [[0, 3]]", "a number is missing"),
+    "object with too few headings": (
+        OBJECT + "times = [0, 1]\npositions = [[0, 0, 3], [0, 0, 4]]\nheadings = [0]", "scene: object 1: trajectory"),
+    "object back in time": (OBJECT + "times = [1, 0]\npositions = [[0, 0, 3], [0, 0, 4]]", "later than the one before"),
+    "primitive object in inches": (OBJECT + 'unit = "in"\ntimes = [0]\npositions = [[0, 0, 3]]', "'unit' is for mesh"),
+    "object of a missing file": (
+        '[[scene.objects]]\nmesh = "cat.glb"\ntimes = [0]\npositions = [[0, 0, 3]]', "cat.glb"),
+    "start inside an object": (
+        "start = [0.0, 0.0]\n" + OBJECT + "times = [0]\npositions = [[0, 0, 0]]", "inside or against"),
     "goal outside the scene": (
         BOX + '[[goal]]\nuse = "joint_target"\nposition = [90.0, 1.0, 0.0]\nat = 1.0', "outside the scene"),
     "walk to outside the scene": (BOX + "[walk]\nto = [90.0, 0.0]", "not free"),

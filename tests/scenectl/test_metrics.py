@@ -20,6 +20,7 @@ from scenectl.metrics import (
 )
 from scenes.body import DEFAULT_BODY
 from scenes.motion import Motion, Pose2D
+from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import Box, Sphere, Waypoints
 from scenes.scene import Scene
 from scenes.skeleton import HUMANML3D
@@ -145,6 +146,22 @@ def test_moving_obstacles_are_met_when_they_come() -> None:
     figures = measure(Motion(standing(21)).placed(Pose2D((0.0, DEFAULT_BODY.sole_offset, 0.0))), scorer)
     assert figures["deepest_at_s"] == pytest.approx(1.0, abs=0.06)
     assert isinstance(figures["deepest_part"], str)
+
+
+def test_objects_are_scored_at_the_time_of_each_frame() -> None:
+    """A wall on a trajectory equals, frame by frame, a wall that stands where it is then."""
+    wall = Box((1.5, 1.0, 0.0), (1.0, 2.0, 4.0))
+    way = Trajectory((0.2, 0.8), ((0.8, 0.0, 0.0), (0.0, 0.0, 0.0)), headings=(0.3, 0.0))
+    motion = dataclasses.replace(Motion(standing(11)).placed(Pose2D((0.9, DEFAULT_BODY.sole_offset, 0.0))), t0=0.3)
+    for shape in (wall, wall.mesh()):
+        thing = MovingObject(shape, way, cache=None)
+        depths = Scorer(Scene(objects=[thing], floor=0.0)).depths(motion)
+        assert depths.obstacles[0] == 0.0 and depths.obstacles[-1] > 0.05
+        for frame in range(11):
+            there = thing.mesh(0.3 + frame / 20)
+            static = Scorer(Scene([there], floor=0.0, cache=None)).depths(place(0.9))
+            assert depths.obstacles[frame] == pytest.approx(static.obstacles[0], abs=1e-6)
+            assert depths.clearance[frame] == pytest.approx(static.clearance[0], abs=1e-6)
 
 
 def test_padding_touches_nothing() -> None:

@@ -13,7 +13,9 @@ from scenectl.task import LONGEST, PACE, SceneSpec, Task, Walk, heading_along, l
 from scenes.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.floor import path_length
+from scenes.mesh import load_mesh
 from scenes.motion import Motion, Pose2D
+from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import Box, Sphere, Waypoints
 from scenes.scene import Scene, bundled, load_scene
 
@@ -121,6 +123,48 @@ def test_scenes_from_python_are_written_down(tmp_path: Path) -> None:
     ):
         again = Task(**Task(prompt="x", seconds=3.0, scene=scene).dump()).load_scene()
         assert again.digest == scene.digest
+
+
+def test_objects_of_a_file(tmp_path: Path) -> None:
+    import trimesh
+
+    trimesh.creation.box(extents=(50.0, 100.0, 20.0)).export(tmp_path / "box.stl")
+    task = tmp_path / "task.toml"
+    task.write_text(
+        'prompt = "x"\nseconds = 3.0\n[[scene.objects]]\nmesh = "box.stl"\nunit = "cm"\nup = "z"\n'
+        "times = [0, 1.0]\npositions = [[2, 0, 0], [2, 0, 1]]\nheadings = [0, 1.5]\nresolution = 32\n"
+        '[[scene.objects]]\nname = "gate"\nprimitive = { shape = "box", center = [0, 1, 0], size = [1, 2, 0.1] }\n'
+        "times = [0]\npositions = [[0, 0, 3]]\nquaternions = [[0, 0, 1, 0]]\n"
+    )
+    loaded = load_task(task)
+    scene = loaded.load_scene()
+    box, gate = scene.objects
+    way = Trajectory((0.0, 1.0), ((2, 0, 0), (2, 0, 1)), headings=(0, 1.5))
+    assert box.trajectory == way and box.resolution == 32
+    assert np.ptp(box.solid.bounds, axis=0) == pytest.approx([0.5, 0.2, 1.0])
+    assert (box.name, gate.name, scene.name) == ("box", "gate", "objects")
+    assert gate.shape == Box((0, 1, 0), (1, 2, 0.1))
+    again = Task(**loaded.dump())
+    assert again.load_scene().digest == scene.digest and again.dump() == loaded.dump()
+    python = Scene(objects=[MovingObject(load_mesh(tmp_path / "box.stl", "cm", "z"), way, resolution=32), gate])
+    assert (
+        Task(**Task(prompt="x", seconds=3.0, scene=python).dump()).load_scene().digest == python.digest == scene.digest
+    )
+
+
+def test_objects_are_obstacles_to_a_sampled_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    def asked(scene: Scene, *_: object) -> None:
+        raise UserError(f"asked for the free area around {len(scene.objects)} objects")
+
+    monkeypatch.setattr("scenectl.task.free_area", asked)
+    thing = MovingObject(Box((0, 0, 0), (1, 1, 1)), Trajectory((0.0,), ((0, 0, 0),)))
+    with pytest.raises(UserError, match="around 1 objects"):
+        Task(prompt="x", seconds=3.0, scene=Scene(objects=[thing])).build()
+
+
+def test_an_object_in_no_file_cannot_be_written_down() -> None:
+    thing = MovingObject(Box((0, 0, 0), (1, 1, 1)).mesh(), Trajectory((0.0,), ((0, 0, 3),)))
+    assert Task(prompt="x", seconds=3.0, scene=Scene(objects=[thing], name="mine")).dump()["scene"] == "mine"
 
 
 def test_python_tasks_fail_as_files_do() -> None:

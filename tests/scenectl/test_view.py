@@ -16,6 +16,7 @@ from scenectl.view.shapes import BodyShape, components, face_colours, soft_shado
 from scenes.body import DEFAULT_BODY
 from scenes.mesh import Mesh
 from scenes.motion import Motion, Pose2D
+from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import Box, Sphere, Waypoints
 from scenes.scene import Scene, bundled
 
@@ -124,6 +125,62 @@ def test_clearance_colours_and_slices(tiny: ModuleType, tmp_path: Path) -> None:
     assert grid.point_data["distance (m)"].min() == pytest.approx(-0.1, abs=0.05)
     picture.draw(tmp_path / "p.png", at=0.0, show_slice=True, clearance=True, size=SMALL)
     assert pixels(tmp_path / "p.png").std() > 10
+
+
+def moving_scene() -> Scene:
+    """A box that turns by a quarter while it comes 2 m nearer, and a ball that rises."""
+    way = Trajectory((0.0, 2.0), ((3.0, 0.0, 2.0), (1.0, 0.0, 2.0)), headings=(0.0, np.pi / 2))
+    ball = Sphere((-1.0, 0.5, 1.0), 0.2, Waypoints((0.0, 2.0), ((-1.0, 0.5, 1.0), (-1.0, 1.5, 1.0))))
+    return Scene(primitives=[ball], objects=[MovingObject(Box((0.0, 0.5, 0.0), (0.2, 1.0, 0.6)), way)])
+
+
+def test_what_moves_is_drawn_where_it_is_when_the_body_is(tiny: ModuleType) -> None:
+    picture = Picture(moving_scene(), walk(tiny))
+    plotter = picture._plotter(off_screen=True, size=SMALL)
+    try:
+        poses = picture._moments(None)
+        picture.add_moving(plotter, [picture._time(frame) for frame in poses])
+        assert [round(picture._time(frame), 6) for frame in (poses[0], poses[-1])] == [0.0, 2.0]
+        for share, i in ((frame / 40, i) for i, frame in enumerate(poses)):
+            x0, x1, *_ = plotter.actors[f"moving 0 {i}"].bounds
+            assert (x0 + x1) / 2 == pytest.approx(3.0 - 2.0 * share, abs=1e-5)
+            turn = share * np.pi / 2
+            assert (x1 - x0) / 2 == pytest.approx(0.1 * np.cos(turn) + 0.3 * np.sin(turn), abs=1e-5)
+            assert plotter.actors[f"moving 1 {i}"].bounds[3] == pytest.approx(0.7 + share, abs=1e-5)
+        assert plotter.actors[f"moving 0 {len(poses) - 1}"].prop.opacity == 1.0
+        assert plotter.actors["moving 0 0"].prop.opacity < 0.3
+        assert not picture._solids  # and never where it was at 0 s as well
+    finally:
+        plotter.close()
+
+
+def test_pictures_ask_for_the_moments_they_show(
+    tiny: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[float]] = []
+    monkeypatch.setattr(Picture, "add_moving", lambda self, plotter, times: asked.append(times))
+    picture = Picture(moving_scene(), walk(tiny))
+    picture.draw(tmp_path / "all.png", size=SMALL)
+    picture.draw(tmp_path / "one.png", at=1.5, size=SMALL)
+    Picture(moving_scene()).draw(tmp_path / "scene.png", size=SMALL)
+    assert asked == [pytest.approx([0.0, 0.65, 1.35, 2.0], abs=0.06), pytest.approx([1.5]), [0.0]]
+
+
+def test_slices_and_the_window_follow_what_moves(tiny: ModuleType) -> None:
+    picture = Picture(moving_scene(), walk(tiny))
+    for time, x in ((0.0, 3.0), (2.0, 1.0)):
+        grid = picture.slice_at(0.5, time)
+        deepest = grid.points[np.where(grid.points[:, 0] > 0, grid.point_data["distance (m)"], np.inf).argmin()]
+        assert deepest[0] == pytest.approx(x, abs=0.25) and deepest[2] == pytest.approx(2.0, abs=0.25)
+    plotter = picture._plotter(off_screen=True, size=SMALL)
+    window = picture.interactive(plotter, show_slice=False)
+    try:
+        assert plotter.actors["moving 0 0"].center[0] == pytest.approx(3.0, abs=1e-5)
+        window.at(1.0)
+        assert plotter.actors["moving 0 0"].center[0] == pytest.approx(2.0, abs=1e-5)
+        assert sum(name.startswith("moving 0") for name in plotter.actors) == 1
+    finally:
+        plotter.close()
 
 
 def test_scenes_alone(tmp_path: Path) -> None:
