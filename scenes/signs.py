@@ -153,11 +153,11 @@ def _from_regions(
     return confidence.reshape(shape)
 
 
-def _winding(soup: Soup, surface: Surface, nodes: np.ndarray) -> np.ndarray:
-    """Winding number at nodes given by flat index."""
+def _winding(soup: Soup, surface: Surface, nodes: np.ndarray, reach: float = 2.5) -> np.ndarray:
+    """Winding number at nodes given by flat index; `reach` as `Dipoles.at` takes it."""
     if len(nodes) == 0:
         return np.zeros(0)
-    return surface.dipoles.at(soup.lattice.nodes_at(nodes) - surface.centre)
+    return surface.dipoles.at(soup.lattice.nodes_at(nodes) - surface.centre, reach=reach)
 
 
 def _cut(
@@ -173,7 +173,7 @@ def _cut(
     """Decide the nodes of divided regions, in place in `free`: marked by winding numbers, cut at the narrowest."""
     label = np.zeros(shape, dtype=np.int8)
     coarse = np.flatnonzero(_spread(shape) & torn)
-    w = _winding(soup, surface, coarse)
+    w = _winding(soup, surface, coarse, reach=1.2)  # within 0.1, far less than what makes a mark clear
     label.reshape(-1)[coarse] = np.where(rule.margin(w) > _CLEAR, np.where(rule.free(w), 1, 2), 0)
     label = label.reshape(-1)
     order = np.empty(int(torn.sum()), dtype=np.int32)

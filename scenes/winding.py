@@ -39,14 +39,17 @@ class Dipoles:
         leaves = 1 << max(0, (-(-len(faces) // LEAF) - 1).bit_length())
         return cls(vertices, faces, order, clusters(vertices, faces, order, leaves))
 
-    def at(self, points: np.ndarray, threads: int | None = None) -> np.ndarray:
-        """Winding number at ``[n, 3]`` points in the unit and frame of the vertices."""
+    def at(self, points: np.ndarray, threads: int | None = None, reach: float = 2.5) -> np.ndarray:
+        """Winding number at ``[n, 3]`` points in the unit and frame of the vertices.
+
+        A cluster counts as a dipole from `reach` of its radii on.
+        """
         points = np.ascontiguousarray(points, dtype=np.float64)
         out = np.empty(len(points))
 
         def chunk(i: int) -> None:
             end = min(_CHUNK * (i + 1), len(points))
-            winding(self.vertices, self.faces, self.order, self.tree, points, _CHUNK * i, end, out)
+            winding(self.vertices, self.faces, self.order, self.tree, reach, points, _CHUNK * i, end, out)
 
         parts(chunk, -(-len(points) // _CHUNK), threads)
         return out

@@ -15,10 +15,6 @@ from scenes.kernels import helper, kernel
 LEAF = 8
 """Triangles in a leaf."""
 
-REACH = 2.5
-"""A cluster is a dipole from this many of its radii on."""
-
-
 @helper
 def _spread(bits):
     """Two zeros between the lowest ten bits."""
@@ -107,8 +103,8 @@ def _solid_angle(vertices, i, j, k, x, y, z):
 
 
 @kernel
-def winding(vertices, faces, order, tree, points, begin, end, out):
-    """Winding number at ``points[begin:end]``."""
+def winding(vertices, faces, order, tree, reach, points, begin, end, out):
+    """Winding number at ``points[begin:end]``; a cluster is a dipole from `reach` of its radii on."""
     leaves = (len(tree) + 1) // 2
     stack = np.empty(64, np.int64)
     for p in range(begin, end):
@@ -123,7 +119,7 @@ def winding(vertices, faces, order, tree, points, begin, end, out):
                 continue
             rx, ry, rz = tree[k, 0] - x, tree[k, 1] - y, tree[k, 2] - z
             away = rx * rx + ry * ry + rz * rz
-            if away > (REACH * tree[k, 7]) ** 2:
+            if away > (reach * tree[k, 7]) ** 2:
                 total += (rx * tree[k, 3] + ry * tree[k, 4] + rz * tree[k, 5]) / (away * math.sqrt(away))
             elif k >= leaves - 1:
                 m = k - (leaves - 1)
