@@ -55,12 +55,13 @@ def bake(
     up: Annotated[str | None, typer.Option(help="Axis that points up in the file: x, y, z.")] = None,
     resolution: Annotated[int, typer.Option(help="Nodes along the longest side.")] = 256,
     free_space: Annotated[str, typer.Option(help="auto, outside, or x,y,z of a point in the air.")] = "auto",
+    thickness: Annotated[float, typer.Option(help="Metres that walls without thickness are given.")] = 0.0,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the grid to this .npz file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the scene with a slice of its distances.")] = None,
 ) -> None:
     """Bake a scene's signed distances and say what was decided."""
     begin = time.perf_counter()
-    found = _scene(scene, unit, up, resolution, free_space)
+    found = _scene(scene, unit, up, resolution, free_space, thickness)
     with err.status("baking"):
         grids = [result.grid for result in found.bakes]
     for line in found.report():
@@ -218,6 +219,7 @@ def view(
     at: Annotated[float | None, typer.Option(help="One moment (s) instead of several.")] = None,
     show_slice: Annotated[bool, typer.Option("--slice", help="Show a slice of the distance field.")] = False,
     clearance: Annotated[bool, typer.Option(help="Colour the body by its distance to the scene.")] = False,
+    signs: Annotated[bool, typer.Option("--signs", help="Show where it is uncertain which space is free.")] = False,
     allow_code: AllowCode = None,
 ) -> None:
     """Look at a result or a scene: body, goals, time slider, distances."""
@@ -229,10 +231,10 @@ def view(
     folder = Path(what)
     picture = viewer.of_folder(folder, sample) if folder.is_dir() else viewer.of_scene(_scene(what))
     if png is not None:
-        picture.draw(png, at=at, show_slice=show_slice, clearance=clearance)
+        picture.draw(png, at=at, show_slice=show_slice, clearance=clearance, show_signs=signs)
         out.print(f"wrote {png}")
     else:
-        picture.window(show_slice=show_slice)
+        picture.window(show_slice=show_slice, show_signs=signs)
 
 
 def main() -> None:
@@ -268,18 +270,23 @@ def _resolved(weights: str) -> str:
 
 
 def _scene(
-    name: str, unit: str | None = None, up: str | None = None, resolution: int = 256, free_space: str = "auto"
+    name: str,
+    unit: str | None = None,
+    up: str | None = None,
+    resolution: int = 256,
+    free_space: str = "auto",
+    thickness: float = 0.0,
 ) -> Scene:
     """A scene by its bundled name or from a mesh file."""
     from scenes.scene import bundled, bundled_names, load_scene
 
     if name in bundled_names():
-        return bundled(name, resolution)
+        return bundled(name, resolution, thickness=thickness)
     if not Path(name).exists() and not Path(name).suffix:
         raise UserError(
             f"'{name}' is neither a file, a folder nor a bundled scene{did_you_mean(name, bundled_names())}"
         )
-    return load_scene(name, unit, up, resolution=resolution, free_space=_free_space(free_space))
+    return load_scene(name, unit, up, resolution=resolution, free_space=_free_space(free_space), thickness=thickness)
 
 
 def _free_space(text: str) -> Any:

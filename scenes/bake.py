@@ -107,7 +107,7 @@ def bake(
     """
     check_resolution(resolution)
     _check_metres("padding", padding, 100)
-    _check_metres("thickness", thickness, 10)
+    check_thickness(thickness)
     free_space = check_free_space(free_space)
     lattice = lattice or Lattice.around(mesh.bounds, resolution, padding)
     folder = default_cache() if cache == "default" else cache
@@ -145,6 +145,12 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
 def _check_metres(what: str, value: float | int, most: float | int) -> None:
     if not (math.isfinite(value) and 0 <= value <= most):
         raise UserError(f"bake {what} is {value} m; give 0 to {most:g} m")
+
+
+def check_thickness(thickness: float | int) -> float:
+    """The thickness of walls as given; raises UserError unless it is 0 to 10 m."""
+    _check_metres("thickness", thickness, 10)
+    return float(thickness)
 
 
 def check_resolution(resolution: int) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from scenes.errors import UserError, did_you_mean
 from scenes.kernels import weld
-from scenes.surface import Surface
+from scenes.surface import Surface, sheets
 
 FreeSpace: TypeAlias = str | Sequence[float | int]
 """`"auto"`, `"outside"`, or a point x, y, z in the air (m, world)."""
@@ -153,7 +153,13 @@ def is_free(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
     return rule.free(winding)
 
 
-def signed_distance(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
-    """Exact distance (m) of ``[n, 3]`` world points (m) to the triangles, positive in free space: the oracle."""
+def signed_distance(surface: Surface, rule: Rule, points: np.ndarray, thickness: float | int = 0.0) -> np.ndarray:
+    """Exact distance (m) of ``[n, 3]`` world points (m) to the triangles, positive in free space: the oracle.
+
+    Thin pieces are solid up to half of `thickness` (m) on both sides, as `bake` makes them.
+    """
     unsigned = surface.unsigned_distance(points)
-    return np.where(is_free(surface, rule, points), unsigned, -unsigned)
+    signed = np.where(is_free(surface, rule, points), unsigned, -unsigned)
+    if thickness > 0 and len(thin := sheets(surface, thickness)):
+        signed = np.minimum(signed, surface.part(thin).unsigned_distance(points) - thickness / 2)
+    return signed

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.bake import Bake, bake, check_resolution
+from scenes.bake import Bake, bake, check_resolution, check_thickness
 from scenes.errors import UserError, did_you_mean
 from scenes.field import DistanceField
 from scenes.free_space import FreeSpace, Rule, check_free_space, decide, signed_distance
@@ -49,6 +49,7 @@ class Scene:
         cache: Path | Literal["default"] | None = "default",
         name: str = "scene",
         objects: Sequence[MovingObject] = (),
+        thickness: float | int = 0.0,
     ) -> None:
         """Describe a scene.
 
@@ -63,12 +64,14 @@ class Scene:
             cache: folder of bakes, "default", or None.
             name: for reports.
             objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
+            thickness: metres that walls without thickness, or with less, are given (see `scenes.bake.bake`).
         """
         self.meshes = tuple(meshes)
         self.primitives = tuple(primitives)
         self.objects = tuple(objects)
         check_resolution(resolution)
         self.resolution = resolution
+        self.thickness = check_thickness(thickness)
         self.free_space = check_free_space(free_space)
         self.cache: Path | Literal["default"] | None = cache
         self.name = name
@@ -86,12 +89,17 @@ class Scene:
         """The floor as a plane where it is stated, else nothing."""
         return () if self.stated_floor is None else (Plane((0.0, self.stated_floor, 0.0), (0.0, 1.0, 0.0)),)
 
+    @property
+    def padding(self) -> float:
+        """Metres of grid around each mesh; thickened walls stand out of it."""
+        return PADDING + self.thickness / 2
+
     @cached_property
     def bakes(self) -> tuple[Bake, ...]:
         """The baked grid of every mesh."""
         rules = [self._free_space_of(mesh) for mesh in self.meshes]
         return tuple(
-            bake(mesh, self.resolution, PADDING, rule, self.cache)
+            bake(mesh, self.resolution, self.padding, rule, self.cache, thickness=self.thickness)
             for mesh, rule in zip(self.meshes, rules, strict=True)
         )
 
@@ -130,7 +138,7 @@ class Scene:
         tensor = torch.from_numpy(np.ascontiguousarray(points))
         when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
         results = [shape.distance(tensor, when).numpy() for shape in (*self.primitives, *self.planes)]
-        results += [signed_distance(surface, rule, points) for surface, rule in self._surfaces]
+        results += [signed_distance(surface, rule, points, self.thickness) for surface, rule in self._surfaces]
         results += [thing.distance_exact(points, time) for thing in self.objects]
         nearest: np.ndarray = np.minimum.reduce(results)
         return nearest
@@ -154,7 +162,7 @@ class Scene:
         return bool((low <= np.array(self.free_space)).all() and (np.array(self.free_space) <= high).all())
 
     def _padded(self, mesh: Mesh) -> np.ndarray:
-        padded: np.ndarray = mesh.bounds + np.array([[-PADDING], [PADDING]])
+        padded: np.ndarray = mesh.bounds + np.array([[-self.padding], [self.padding]])
         return padded
 
     @cached_property
@@ -195,6 +203,7 @@ class Scene:
                 self.stated_floor,
                 self.resolution,
                 self.free_space,
+                self.thickness,
                 [thing.digest for thing in self.objects],
             )
         )
@@ -231,10 +240,11 @@ def load_scene(
     primitives: Sequence[Primitive] = (),
     cache: Path | Literal["default"] | None = "default",
     objects: Sequence[MovingObject] = (),
+    thickness: float | int = 0.0,
 ) -> Scene:
     """A scene from one mesh file, plus primitives and objects; arguments as `load_mesh` and `Scene` take them."""
     mesh = load_mesh(path, unit, up)
-    return Scene([mesh], primitives, floor, resolution, free_space, cache, mesh.name, objects)
+    return Scene([mesh], primitives, floor, resolution, free_space, cache, mesh.name, objects, thickness)
 
 
 def bundled_names() -> list[str]:
@@ -248,6 +258,7 @@ def bundled(
     primitives: Sequence[Primitive] = (),
     cache: Path | Literal["default"] | None = "default",
     objects: Sequence[MovingObject] = (),
+    thickness: float | int = 0.0,
 ) -> Scene:
     """A scene that comes with the package; raises UserError for an unknown name.
 
@@ -260,4 +271,4 @@ def bundled(
         facts = tomllib.loads(notes.read_text(encoding="utf-8"))
     mesh = load_mesh(BUNDLED / f"{name}.glb")
     free_space = facts.get("free_space", "auto")
-    return Scene([mesh], primitives, facts.get("floor"), resolution, free_space, cache, name, objects)
+    return Scene([mesh], primitives, facts.get("floor"), resolution, free_space, cache, name, objects, thickness)

@@ -38,7 +38,7 @@ def clean(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarr
     keys = weld.edge_keys(distinct, len(unique))
     keys.sort()
     flat = weld.slivers(unique, distinct)
-    return unique, distinct[~flat], distinct[flat], int(weld.unmatched(keys))
+    return unique, distinct[~flat], distinct[flat], len(weld.unmatched(keys))
 
 
 def _table(entries: int) -> np.ndarray:
@@ -66,7 +66,7 @@ def sheets(surface: Surface, thickness: float) -> np.ndarray:
     for which in np.flatnonzero(~thin & (area > 0)):
         own = faces[piece == which]
         keys = np.sort(weld.edge_keys(own, count))
-        thin[which] = weld.unmatched(keys) > NEARLY_CLOSED * 1.5 * len(own)
+        thin[which] = len(weld.unmatched(keys)) > NEARLY_CLOSED * 1.5 * len(own)
     return np.asarray(faces[thin[piece]])
 
 
@@ -109,6 +109,14 @@ class Surface:
     def bounds(self) -> np.ndarray:
         """Lowest and highest corner, ``[2, 3]``, world metres."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]) + self.centre
+
+    @property
+    def open_edges(self) -> np.ndarray:
+        """Both ends of every unmatched edge: where the surface has holes, ``[n, 2, 3]``, world metres."""
+        keys = weld.edge_keys(np.concatenate([self.faces, self.slivers]), len(self.vertices))
+        keys.sort()
+        ends = np.stack(np.divmod(weld.unmatched(keys), len(self.vertices)), axis=1)
+        return np.asarray(self.vertices[ends] + self.centre)
 
     @property
     def edges(self) -> int:

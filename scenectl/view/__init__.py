@@ -53,6 +53,6 @@ def draw_result(result: Result, png: str | Path) -> None:
     of_result(result).draw(png)
 
 
-def draw_scene(scene: Scene, png: str | Path, show_slice: bool = False) -> None:
+def draw_scene(scene: Scene, png: str | Path, show_slice: bool = False, show_signs: bool = False) -> None:
     """A scene as a PNG file."""
-    of_scene(scene).draw(png, show_slice=show_slice)
+    of_scene(scene).draw(png, show_slice=show_slice, show_signs=show_signs)

@@ -17,17 +17,23 @@ from objectives import Objective, Term
 from objectives.parameters import FloorPoint, Point, instances
 from objectives.tracks import TrackBase
 from scenectl.view.camera import ANGLE, Camera, Sight, choose, triangles_to_vtk
+from scenectl.view.evidence import open_edges, uncertain_blocks
 from scenectl.view.shapes import BodyShape, components, face_colours, inward, soft_shadow
+from scenes.bake import Bake
 from scenes.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError
 from scenes.files import atomic_write
+from scenes.mesh import Mesh
 from scenes.motion import Motion
 from scenes.primitives import Plane
 from scenes.scene import Scene
+from scenes.signs import UNCERTAIN
+from scenes.surface import Surface
 
 SIZE = (1600, 1000)
 _BACK, _HORIZON = "#f4f2ee", "#dfe5ea"
 _FIRST, _LAST = np.array([238, 208, 190.0]), np.array([212, 78, 34.0])  # a person's colour at the start and the end
+_GLASS = 0.22  # opacity of what is looked through
 _PATH, _GOAL, _OBSTACLE = "#2f7d6b", "#c8322b", (122, 94, 168)
 
 
@@ -56,6 +62,7 @@ class Picture:
         at: float | None = None,
         show_slice: bool = False,
         clearance: bool = False,
+        show_signs: bool = False,
         size: tuple[int, int] = SIZE,
     ) -> None:
         """Render into a PNG file, off screen.
@@ -65,17 +72,20 @@ class Picture:
             at: one moment (s) instead of several over the motion.
             show_slice: the distance field on a horizontal plane at hip height.
             clearance: colour the body by its distance to the scene.
+            show_signs: where it is uncertain whether space is free, and the holes in meshes.
             size: pixels.
         """
         plotter = self._plotter(off_screen=True, size=size)
         poses = self._moments(at)
         camera = self._look(poses, size[0] / size[1])
-        self._add_scene(plotter, camera, poses)
+        self._add_scene(plotter, camera, poses, _GLASS if show_signs else 1.0)
         self._add_goals(plotter)
         self.add_moving(plotter, [self._time(frame) for frame in poses] or [0.0])
         self._add_people(plotter, poses, clearance)
         if show_slice:
             self._add_slice(plotter, self._hip_height, 0.0 if at is None else at)
+        if show_signs:
+            self._add_signs(plotter)
         image = plotter.screenshot(return_img=True)
         plotter.close()
         from PIL import Image
@@ -83,20 +93,22 @@ class Picture:
         with atomic_write(png) as file:
             Image.fromarray(image).save(file, format="PNG")
 
-    def window(self, show_slice: bool = False) -> None:
+    def window(self, show_slice: bool = False, show_signs: bool = False) -> None:
         """Open a window with a time slider; s shows or hides the slice, c the clearances. Blocks until closed."""
         if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise UserError("there is no screen to open a window on; use --png FILE")
         plotter = self._plotter(off_screen=False, size=SIZE)
-        self.interactive(plotter, show_slice)
+        self.interactive(plotter, show_slice, show_signs)
         plotter.show()
 
-    def interactive(self, plotter: Any, show_slice: bool) -> _Window:
+    def interactive(self, plotter: Any, show_slice: bool, show_signs: bool = False) -> _Window:
         """Fill a plotter with what the window shows, its sliders and keys; returns what they move."""
         poses = self._moments(None)
         camera = self._look(poses, SIZE[0] / SIZE[1])
-        self._add_scene(plotter, camera, poses[:1])
+        self._add_scene(plotter, camera, poses[:1], _GLASS if show_signs else 1.0)
         self._add_goals(plotter)
+        if show_signs:
+            self._add_signs(plotter)
         return _Window(self, plotter, show_slice)
 
     # ---- what is shown when -----------------------------------------------------------------------------------
@@ -193,7 +205,7 @@ class Picture:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
         return plotter
 
-    def _add_scene(self, plotter: Any, camera: Camera, poses: list[int]) -> None:
+    def _add_scene(self, plotter: Any, camera: Camera, poses: list[int], opacity: float) -> None:
         """Solids (cut open towards the camera), the ground where the scene has no floor of its own, and light."""
         plotter.camera.position, plotter.camera.focal_point = camera.position.tolist(), camera.target.tolist()
         plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), ANGLE
@@ -204,8 +216,8 @@ class Picture:
                 edges = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
                 seen &= (np.cross(*edges) * (camera.position - triangles[:, 0])).sum(-1) > 0
             glass = seen & np.isin(pieces, self._in_the_way(triangles[seen], pieces[seen], probes, camera))
-            self._add_triangles(plotter, triangles[seen & ~glass], colours[seen & ~glass], 1.0)
-            self._add_triangles(plotter, triangles[glass], colours[glass], 0.22)
+            self._add_triangles(plotter, triangles[seen & ~glass], colours[seen & ~glass], opacity)
+            self._add_triangles(plotter, triangles[glass], colours[glass], min(opacity, _GLASS))
         if not self.scene.meshes:
             self._add_ground(plotter, probes if len(probes) else np.zeros((1, 3)))
         _light(plotter, camera)
@@ -383,6 +395,24 @@ class Picture:
                     data, scalars="colour", rgb=True, opacity=0.15 + 0.85 * share**2, ambient=0.36, diffuse=0.75,
                     show_scalar_bar=False, name=f"moving {k} {i}",
                 )  # fmt: skip
+
+    def _add_signs(self, plotter: Any) -> None:
+        """Uncertain voxels, coloured by how much of the evidence agrees, the holes in meshes, and the summaries."""
+        bar = {"title": "agreeing evidence (%)", "color": "black", "width": 0.25, "position_x": 0.7, "position_y": 0.03}
+        for result, segments in ((baked, Surface.of(mesh).open_edges) for mesh, baked in self._baked):
+            if (blocks := uncertain_blocks(result)) is not None:
+                plotter.add_mesh(
+                    blocks, scalars="agreeing evidence (%)", cmap="plasma", clim=[0, UNCERTAIN], opacity=0.35,
+                    lighting=False, scalar_bar_args=bar,
+                )  # fmt: skip
+            if (lines := open_edges(segments)) is not None:
+                plotter.add_mesh(lines, color=_GOAL, line_width=2, lighting=False)
+        text = "\n".join(f"{mesh.name}: {result.signs.summary}" for mesh, result in self._baked)
+        plotter.add_text(text, position=(0.015, 0.02), viewport=True, font_size=12, color="#40403c")
+
+    @property
+    def _baked(self) -> list[tuple[Mesh, Bake]]:
+        return list(zip(self.scene.meshes, self.scene.bakes, strict=True))
 
     def _add_slice(self, plotter: Any, height: float, time: float) -> Any:
         """Signed distances on a horizontal plane at a time (s); the white line is the surface."""

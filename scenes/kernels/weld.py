@@ -90,7 +90,8 @@ def edge_keys(faces, vertices):
 
 @kernel
 def unmatched(keys):
-    """How many edges are used more often in one direction than in the other; `keys` sorted."""
+    """Edges (keys without direction) that are used more often in one direction than in the other; `keys` sorted."""
+    found = np.empty(len(keys), np.int64)
     count, at = 0, 0
     while at < len(keys):
         edge, balance = keys[at] >> 1, 0
@@ -98,8 +99,9 @@ def unmatched(keys):
             balance += 1 - 2 * (keys[at] & 1)
             at += 1
         if balance != 0:
+            found[count] = edge
             count += 1
-    return count
+    return found[:count].copy()
 
 
 @helper

@@ -15,6 +15,7 @@ from scenes.kernels import helper, kernel
 LEAF = 8
 """Triangles in a leaf."""
 
+
 @helper
 def _spread(bits):
     """Two zeros between the lowest ten bits."""
