@@ -12,6 +12,7 @@ import torch
 from objectives import Objective, Term
 from scenectl.view import Picture, draw_scene
 from scenectl.view.camera import Sight, choose
+from scenectl.view.evidence import open_edges, uncertain_blocks
 from scenectl.view.shapes import BodyShape, components, face_colours, soft_shadow
 from scenes.body import DEFAULT_BODY
 from scenes.mesh import Mesh
@@ -19,6 +20,7 @@ from scenes.motion import Motion, Pose2D
 from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import Box, Sphere, Waypoints
 from scenes.scene import Scene, bundled
+from scenes.surface import Surface
 
 SMALL = (320, 200)
 
@@ -181,6 +183,34 @@ def test_slices_and_the_window_follow_what_moves(tiny: ModuleType) -> None:
         assert sum(name.startswith("moving 0") for name in plotter.actors) == 1
     finally:
         plotter.close()
+
+
+def torn_box() -> Mesh:
+    """A box of which every triangle is apart from the next, beside a closed one."""
+    mesh = Box((0.0, 0.5, 0.0), (1.0, 1.0, 1.0)).mesh()
+    centre = mesh.triangles.mean(axis=1, keepdims=True)
+    corners = (centre + 0.9 * (mesh.triangles - centre))[2:]
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), "torn")
+
+
+def test_uncertain_voxels_and_holes_are_shown_where_they_are(tmp_path: Path) -> None:
+    scene = Scene([torn_box()], resolution=40, cache=None)
+    (result,) = scene.bakes
+    blocks = uncertain_blocks(result)
+    assert blocks is not None and result.signs.uncertain is not None
+    nodes = result.grid.nodes(np.argwhere(result.signs.uncertain))
+    assert (blocks.find_containing_cell(nodes) >= 0).all()
+    sure = result.grid.nodes(np.argwhere(~result.signs.uncertain))
+    assert (blocks.find_containing_cell(sure) < 0).all()  # a block is one voxel at this resolution
+    edges = Surface.of(torn_box()).open_edges
+    assert len(edges) == result.boundary_edges == 30
+    ends = edges.reshape(-1, 3)
+    assert np.abs(ends[:, None] - torn_box().vertices).sum(axis=2).min(axis=1).max() < 1e-9
+    assert open_edges(Surface.of(Box((0, 0, 0), (1, 1, 1)).mesh()).open_edges) is None
+    draw_scene(scene, tmp_path / "signs.png", show_signs=True)
+    draw_scene(scene, tmp_path / "plain.png")
+    red = [reddish(pixels(tmp_path / f"{name}.png")) for name in ("signs", "plain")]
+    assert red[0] > 2 * red[1] + 1e-3
 
 
 def test_scenes_alone(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_bounds_hold_meshes_shapes_and_the_ways_of_moving_ones() -> None:
 
 
 def test_describing_a_scene_bakes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
+    def refuse(*_: object, **__: object) -> None:
         raise AssertionError("baked")
 
     monkeypatch.setattr(module, "bake", refuse)
@@ -130,6 +130,21 @@ def test_a_seed_speaks_for_the_room_and_not_for_the_furniture() -> None:
     assert np.sign(scene.distance_exact(p.numpy())).tolist() == [1, -1, -1]
     with pytest.raises(UserError, match="lies outside mesh"):
         Scene([room, TABLE.mesh()], free_space=(9, 9, 9), resolution=8, cache=None).report()
+
+
+def test_walls_without_thickness_are_given_one_in_grid_and_score_alike() -> None:
+    corners = np.array([[-1.0, 0, 0], [1, 0, 0], [1, 2, 0], [-1, 2, 0]])
+    wall = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "wall")
+    scene = Scene([wall], resolution=64, cache=None, thickness=0.12, free_space="outside")
+    near = np.random.default_rng(0).uniform([-0.9, 0.1, -0.2], [0.9, 1.9, 0.2], (200, 3))
+    exact = scene.distance_exact(near)
+    assert np.allclose(exact, np.abs(near[:, 2]) - 0.06)
+    voxel = scene.bakes[0].grid.spacing
+    assert np.abs(scene.distance(torch.from_numpy(near)).numpy() - exact).max() < voxel
+    assert scene.bakes[0].grid.bounds[1, 2] >= 0.06 + 0.09  # room for the wall and beyond
+    assert scene.digest != Scene([wall], resolution=64, cache=None, free_space="outside").digest
+    with pytest.raises(UserError, match="thickness is -1 m; give 0 to 10 m"):
+        Scene([wall], thickness=-1)
 
 
 def test_bad_values_are_one_sentence(tmp_path: Path) -> None:
