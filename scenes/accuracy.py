@@ -37,7 +37,7 @@ class Accuracy:
         return asdict(self)
 
 
-def measure(result: Bake, mesh: Mesh, samples: int = 20_000, seed: int = 0) -> Accuracy:
+def measure(result: Bake[SdfGrid], mesh: Mesh, samples: int = 20_000, seed: int = 0) -> Accuracy:
     """Compare a bake with the oracle on `samples` nodes, half of them within two voxels of the surface.
 
     The oracle costs about 50 microseconds a node on a mesh of 60,000 triangles.

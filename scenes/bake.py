@@ -10,13 +10,15 @@ import hashlib
 import math
 import os
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 import torch
 
+from scenes.blocks import SdfBlocks
 from scenes.distances import Soup, unsigned
 from scenes.errors import UserError
 from scenes.files import atomic_write
@@ -31,8 +33,11 @@ FORMAT = 4
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
 
 
+Grid = TypeVar("Grid", SdfGrid, SdfBlocks)
+
+
 @dataclass(frozen=True, eq=False)
-class Bake:
+class Bake(Generic[Grid]):
     """A baked grid, and what was decided on the way.
 
     Attributes:
@@ -44,7 +49,7 @@ class Bake:
         free: space is free where the winding number lies between these two.
     """
 
-    grid: SdfGrid
+    grid: Grid
     rule: str
     signs: Signs
     inward: bool
@@ -85,7 +90,7 @@ def bake(
     lattice: Lattice | None = None,
     thickness: float | int = 0.0,
     threads: int | None = None,
-) -> Bake:
+) -> Bake[SdfGrid]:
     """Signed distance grid of a mesh, positive in free space.
 
     Args:
@@ -106,22 +111,15 @@ def bake(
             lattice, or a seed point outside the padded bounds or on a surface.
     """
     check_resolution(resolution)
-    _check_metres("padding", padding, 100)
+    check_metres("padding", padding, 100)
     check_thickness(thickness)
     free_space = check_free_space(free_space)
     lattice = lattice or Lattice.around(mesh.bounds, resolution, padding)
-    folder = default_cache() if cache == "default" else cache
     key = _key(mesh, lattice, free_space, float(thickness))
-    path = None if folder is None else Path(folder) / f"{key}.npz"
-    if path is not None and (found := _load(path, key)) is not None:
-        return found
-    result = _baked(mesh, lattice, free_space, float(thickness), threads)
-    if path is not None:
-        _store(path, key, result)
-    return result
+    return cached(cache, key, SdfGrid, lambda: _baked(mesh, lattice, free_space, float(thickness), threads))
 
 
-def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float, threads: int | None) -> Bake:
+def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float, threads: int | None) -> Bake[SdfGrid]:
     surface = Surface.of(mesh)
     low, high = surface.bounds
     slack = 1e-6 * lattice.spacing
@@ -142,14 +140,15 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
 
 
-def _check_metres(what: str, value: float | int, most: float | int) -> None:
+def check_metres(what: str, value: float | int, most: float | int) -> None:
+    """Raise UserError unless a length is finite, not negative and at most `most`."""
     if not (math.isfinite(value) and 0 <= value <= most):
         raise UserError(f"bake {what} is {value} m; give 0 to {most:g} m")
 
 
 def check_thickness(thickness: float | int) -> float:
     """The thickness of walls as given; raises UserError unless it is 0 to 10 m."""
-    _check_metres("thickness", thickness, 10)
+    check_metres("thickness", thickness, 10)
     return float(thickness)
 
 
@@ -168,7 +167,21 @@ def _key(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float) 
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _store(path: Path, key: str, result: Bake) -> None:
+def cached(
+    cache: Path | Literal["default"] | None, key: str, kind: type[Grid], make: Callable[[], Bake[Grid]]
+) -> Bake[Grid]:
+    """The bake that a folder keeps under a key, or else made and kept there; `kind` is its grid's class."""
+    folder = default_cache() if cache == "default" else cache
+    path = None if folder is None else Path(folder) / f"{key}.npz"
+    if path is not None and (found := _load(path, key, kind)) is not None:
+        return found
+    result = make()
+    if path is not None:
+        _store(path, key, result)
+    return result
+
+
+def _store(path: Path, key: str, result: Bake[Grid]) -> None:
     facts = {
         "key": np.array(key),
         "rule": np.array(result.rule),
@@ -186,7 +199,7 @@ def _store(path: Path, key: str, result: Bake) -> None:
         warnings.warn(f"the bake could not be cached: {error}", stacklevel=3)
 
 
-def _load(path: Path, key: str) -> Bake | None:
+def _load(path: Path, key: str, kind: type[Grid]) -> Bake[Grid] | None:
     """A cached bake, or None when there is none or its file is damaged (then it is baked again and replaced)."""
     try:
         with np.load(path, allow_pickle=False) as data:  # reading an array checks its CRC
@@ -194,7 +207,7 @@ def _load(path: Path, key: str) -> Bake | None:
                 return None
             confidence = data["confidence"] if data["confidence"].size else None
             return Bake(
-                SdfGrid.from_arrays(data),
+                kind.from_arrays(data),
                 rule=str(data["rule"]),
                 signs=Signs(str(data["kind"]), int(data["boundary_edges"]), confidence),
                 inward=bool(data["inward"]),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -17,6 +17,8 @@ from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.kernels import parts
 from scenes.kernels.query import curved, interpolated
+
+Evaluate: TypeAlias = Callable[[Tensor, bool], tuple[Tensor, Tensor | None]]
 
 ENOUGH = 32_768
 """Points from which on a second thread pays."""
@@ -71,13 +73,12 @@ class SdfGrid:
         """
         if points.shape[-1] != 3:
             raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
-        result: Tensor = _Trilinear.apply(points, self)  # type: ignore[no-untyped-call]
+        result: Tensor = Interpolant.apply(points, self._evaluate)  # type: ignore[no-untyped-call]
         return result
 
     def value_and_gradient(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
         """What `distance` gives, and its gradient (no unit), in one pass and outside autograd."""
-        flat = _flat(points)
-        value, gradient = _evaluate(flat, self, with_gradient=True)
+        value, gradient = self._evaluate(flat(points), with_gradient=True)
         assert gradient is not None
         return value.reshape(points.shape[:-1]), gradient.reshape(points.shape)
 
@@ -90,11 +91,22 @@ class SdfGrid:
             raise UserError(
                 f"vectors have shape {tuple(vectors.shape)}; give that of the points, {tuple(points.shape)}"
             )
-        at, along = _flat(points).cpu().double(), vectors.detach().reshape(-1, 3).cpu().double().contiguous()
+        at, along = flat(points).cpu().double(), vectors.detach().reshape(-1, 3).cpu().double().contiguous()
         product = torch.empty_like(at)
         arrays = (*self._arrays, at.numpy().reshape(-1), along.numpy().reshape(-1))
-        _in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy().reshape(-1)))
+        in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy().reshape(-1)))
         return product.to(points).reshape(points.shape)
+
+    def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
+        """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``, by the kernel where it can run."""
+        if points.device.type != "cpu" or points.dtype not in (torch.float32, torch.float64):
+            return interpolate(points, self._values_on(points.device), self, with_gradient)
+        value = points.new_empty(len(points))
+        gradient = points.new_empty((len(points) if with_gradient else 0, 3))
+        arrays = (*self._arrays, points.numpy().reshape(-1))
+        out = (value.numpy(), gradient.numpy().reshape(-1))
+        in_parts(len(points), lambda begin, end: interpolated(*arrays, begin, end, *out))
+        return value, gradient if with_gradient else None
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:
@@ -151,12 +163,16 @@ class SdfGrid:
         return cls(torch.from_numpy(values), torch.from_numpy(origin), float(data["spacing"]), beyond)
 
 
-class _Trilinear(torch.autograd.Function):
-    """Value and gradient in one pass: the eight corners are gathered once and serve both."""
+class Interpolant(torch.autograd.Function):
+    """Distances whose gradient comes with them, in one pass: ``Interpolant.apply(points, evaluate)``.
+
+    `evaluate` takes points ``[n, 3]`` and whether a gradient is wanted, and gives values ``[n]`` and gradients
+    ``[n, 3]`` (or None).
+    """
 
     @staticmethod
-    def forward(ctx: Any, points: Tensor, grid: SdfGrid) -> Tensor:
-        value, gradient = _evaluate(_flat(points), grid, with_gradient=points.requires_grad)
+    def forward(ctx: Any, points: Tensor, evaluate: Evaluate) -> Tensor:
+        value, gradient = evaluate(flat(points), points.requires_grad)
         if gradient is not None:
             ctx.save_for_backward(points, gradient)
         return value.reshape(points.shape[:-1])
@@ -183,28 +199,17 @@ class _Scaled(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grad_outputs: Tensor) -> None:
         raise RuntimeError(
-            "the gradient of SdfGrid.distance cannot be differentiated again: the interpolant has no second derivative "
-            "across voxel faces; detach it, or use a solver that needs first derivatives only"
+            "the gradient of a grid's distance cannot be differentiated again: the interpolant has no second "
+            "derivative across voxel faces; detach it, or use a solver that needs first derivatives only"
         )
 
 
-def _flat(points: Tensor) -> Tensor:
+def flat(points: Tensor) -> Tensor:
+    """Points ``[n, 3]`` in one piece, outside autograd."""
     return points.detach().reshape(-1, 3).contiguous()
 
 
-def _evaluate(points: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
-    """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``, by the kernel where it can run."""
-    if points.device.type != "cpu" or points.dtype not in (torch.float32, torch.float64):
-        return interpolate(points, grid._values_on(points.device), grid, with_gradient)
-    value = points.new_empty(len(points))
-    gradient = points.new_empty((len(points) if with_gradient else 0, 3))
-    arrays = (*grid._arrays, points.numpy().reshape(-1))
-    out = (value.numpy(), gradient.numpy().reshape(-1))
-    _in_parts(len(points), lambda begin, end: interpolated(*arrays, begin, end, *out))
-    return value, gradient if with_gradient else None
-
-
-def _in_parts(count: int, work: Callable[[int, int], Any]) -> None:
+def in_parts(count: int, work: Callable[[int, int], Any]) -> None:
     """Do ``work(begin, end)`` for all points, on torch's number of threads where there are enough of them."""
     threads = min(torch.get_num_threads(), count // ENOUGH)
     if threads <= 1:

@@ -55,6 +55,13 @@ class Lattice:
         return cls._centred((low + high) / 2, spacing, np.full(3, resolution))
 
     @classmethod
+    def spaced(cls, bounds: np.ndarray, spacing: float, padding: float | int = 0.0, whole: int = 1) -> Lattice:
+        """The lattice centred on `bounds` ``[2, 3]`` (m) with a stated spacing (m); `whole` divides its cells."""
+        low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
+        shape = np.maximum(np.ceil((high - low) / (spacing * whole) - 1e-6).astype(int), 1) * whole + 1
+        return cls._centred((low + high) / 2, spacing, shape)
+
+    @classmethod
     def _centred(cls, centre: np.ndarray, spacing: float, shape: np.ndarray) -> Lattice:
         origin = centre - (shape - 1) / 2 * spacing
         x, y, z = (float(o) for o in origin)

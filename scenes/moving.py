@@ -171,7 +171,7 @@ class MovingObject:
         UserError: a plane, a primitive with a motion of its own, or the grid of a room (all else would be solid).
     """
 
-    shape: Mesh | Primitive | SdfGrid | Bake
+    shape: Mesh | Primitive | SdfGrid | Bake[SdfGrid]
     trajectory: Trajectory
     name: str = ""
     resolution: int = 128
@@ -192,7 +192,7 @@ class MovingObject:
             raise UserError(f"object '{self.name}' is the grid of a room, solid all around; bake a closed object")
 
     @cached_property
-    def bake(self) -> Bake | None:
+    def bake(self) -> Bake[SdfGrid] | None:
         """The bake of a mesh, or the one that was given; None for the other shapes."""
         if isinstance(self.shape, Mesh):
             return bake(self.shape, self.resolution, PADDING, "outside", self.cache)

@@ -95,7 +95,7 @@ class Scene:
         return PADDING + self.thickness / 2
 
     @cached_property
-    def bakes(self) -> tuple[Bake, ...]:
+    def bakes(self) -> tuple[Bake[Any], ...]:
         """The baked grid of every mesh."""
         rules = [self._free_space_of(mesh) for mesh in self.meshes]
         return tuple(

@@ -12,7 +12,7 @@ from scenes.signs import UNCERTAIN
 _FINEST = 96  # blocks along an axis: finer ones cannot be told apart in a picture
 
 
-def uncertain_blocks(bake: Bake) -> Any:
+def uncertain_blocks(bake: Bake[Any]) -> Any:
     """Blocks that hold an uncertain voxel, as VTK cells with the percent of evidence that agrees; None without any."""
     import pyvista as pv
 
@@ -23,11 +23,12 @@ def uncertain_blocks(bake: Bake) -> Any:
     padded = np.pad(confidence, [(0, -n % size) for n in confidence.shape], constant_values=100)
     shape = [n // size for n in padded.shape]
     least = padded.reshape(shape[0], size, shape[1], size, shape[2], size).min(axis=(1, 3, 5))
-    spacing = bake.grid.spacing
+    low, high = bake.grid.bounds
+    spacing = float(high[0] - low[0]) / (confidence.shape[0] - 1)
     blocks = pv.ImageData(
         dimensions=[n + 1 for n in shape],
         spacing=[size * spacing] * 3,
-        origin=bake.grid.origin.numpy() - spacing / 2,  # a node stands for the voxel around it
+        origin=low - spacing / 2,  # a node stands for the voxel around it
     )
     blocks.cell_data["agreeing evidence (%)"] = least.ravel(order="F")
     return blocks.threshold([0, UNCERTAIN], scalars="agreeing evidence (%)")

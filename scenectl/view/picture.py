@@ -411,7 +411,7 @@ class Picture:
         plotter.add_text(text, position=(0.015, 0.02), viewport=True, font_size=12, color="#40403c")
 
     @property
-    def _baked(self) -> list[tuple[Mesh, Bake]]:
+    def _baked(self) -> list[tuple[Mesh, Bake[Any]]]:
         return list(zip(self.scene.meshes, self.scene.bakes, strict=True))
 
     def _add_slice(self, plotter: Any, height: float, time: float) -> Any:
