@@ -55,20 +55,24 @@ def bake(
     up: Annotated[str | None, typer.Option(help="Axis that points up in the file: x, y, z.")] = None,
     resolution: Annotated[int, typer.Option(help="Nodes along the longest side.")] = 256,
     free_space: Annotated[str, typer.Option(help="auto, outside, or x,y,z of a point in the air.")] = "auto",
+    spacing: Annotated[float | None, typer.Option(help="Metres between nodes instead, for large scenes.")] = None,
     thickness: Annotated[float, typer.Option(help="Metres that walls without thickness are given.")] = 0.0,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the grid to this .npz file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the scene with a slice of its distances.")] = None,
 ) -> None:
     """Bake a scene's signed distances and say what was decided."""
+    from scenes.grid import SdfGrid
+
     begin = time.perf_counter()
-    found = _scene(scene, unit, up, resolution, free_space, thickness)
+    found = _scene(scene, unit, up, resolution, free_space, thickness, spacing)
     with err.status("baking"):
         grids = [result.grid for result in found.bakes]
     for line in found.report():
         out.print(line)
     for grid in grids:
-        size = " x ".join(str(n) for n in grid.values.shape)
-        out.print(f"grid: {size} nodes, spacing {1000 * grid.spacing:.1f} mm")
+        size = " x ".join(str(n) for n in grid.shape)
+        kept = "" if isinstance(grid, SdfGrid) else ", kept near surfaces only"
+        out.print(f"grid: {size} nodes, spacing {1000 * grid.spacing:.1f} mm{kept}, {grid.nbytes / 1e6:.1f} MB")
     where = "found in the mesh" if found.floor.found else "stated"
     out.print(f"floor: {found.floor.height:.3f} m ({where}); done in {time.perf_counter() - begin:.1f} s")
     if output is not None:
@@ -276,17 +280,19 @@ def _scene(
     resolution: int = 256,
     free_space: str = "auto",
     thickness: float = 0.0,
+    spacing: float | None = None,
 ) -> Scene:
     """A scene by its bundled name or from a mesh file."""
     from scenes.scene import bundled, bundled_names, load_scene
 
+    more: dict[str, Any] = {"thickness": thickness, "spacing": spacing}
     if name in bundled_names():
-        return bundled(name, resolution, thickness=thickness)
+        return bundled(name, resolution, **more)
     if not Path(name).exists() and not Path(name).suffix:
         raise UserError(
             f"'{name}' is neither a file, a folder nor a bundled scene{did_you_mean(name, bundled_names())}"
         )
-    return load_scene(name, unit, up, resolution=resolution, free_space=_free_space(free_space), thickness=thickness)
+    return load_scene(name, unit, up, resolution=resolution, free_space=_free_space(free_space), **more)
 
 
 def _free_space(text: str) -> Any:

@@ -105,6 +105,7 @@ class SceneSpec(_Table):
         floor: height (m) on which soles stand; by default found in the mesh.
         free_space: "auto", "outside" or a point [x, y, z] in the air.
         resolution: nodes along the longest side of the distance grid.
+        spacing: metres between nodes instead, for large scenes: fine near surfaces, coarse elsewhere.
         thickness: metres that walls of the file without thickness, or with less, are given.
         primitives: tables with `shape` ("box", "sphere", "capsule", "cylinder", "plane") and its parameters.
         objects: what moves (`ObjectSpec`), [[scene.objects]] tables.
@@ -117,6 +118,7 @@ class SceneSpec(_Table):
     floor: float | None = None
     free_space: Literal["auto", "outside"] | tuple[float, float, float] = "auto"
     resolution: Resolution = 256
+    spacing: float | None = None
     thickness: float = 0.0
     primitives: tuple[dict[str, Any], ...] = ()
     objects: tuple[ObjectSpec, ...] = ()
@@ -125,16 +127,17 @@ class SceneSpec(_Table):
         """Read the files; raises UserError for what cannot be read. Nothing is baked yet."""
         shapes = [_named(f"primitive {k + 1}", _shape, table) for k, table in enumerate(self.primitives)]
         objects = [_named(f"object {k + 1}", ObjectSpec.build, spec) for k, spec in enumerate(self.objects)]
+        more: dict[str, Any] = {"objects": objects, "thickness": self.thickness, "spacing": self.spacing}
         if self.bundled is not None and self.file is not None:
             raise UserError("scene states both 'bundled' and 'file'; keep one of them")
         if self.bundled is not None:
             given = self.model_fields_set & {"unit", "up", "floor", "free_space"}
             if given:
                 raise UserError(f"scene: '{min(given)}' is known for the bundled scene '{self.bundled}'; leave it out")
-            return bundled(self.bundled, self.resolution, shapes, objects=objects, thickness=self.thickness)
+            return bundled(self.bundled, self.resolution, shapes, **more)
         if self.file is not None:
             told = (self.unit, self.up, self.floor, self.resolution, self.free_space)
-            return load_scene(self.file, *told, primitives=shapes, objects=objects, thickness=self.thickness)
+            return load_scene(self.file, *told, primitives=shapes, **more)
         name = "primitives" if shapes else "objects" if objects else "empty"
         return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects)
 
@@ -513,11 +516,13 @@ def _scene_table(scene: Scene) -> dict[str, Any] | str:
     mesh = scene.meshes[0]
     if not Path(mesh.source).is_file():
         return scene.name
-    thick = {"thickness": scene.thickness} if scene.thickness else {}
+    voxels: dict[str, Any] = {"thickness": scene.thickness} if scene.thickness else {}
+    if scene.spacing is not None:
+        voxels["spacing"] = scene.spacing
     if Path(mesh.source).parent == BUNDLED:
-        return {**facts, **thick, "bundled": mesh.name}
+        return {**facts, **voxels, "bundled": mesh.name}
     told = {"unit": mesh.unit, "up": mesh.up, "floor": scene.stated_floor, "free_space": scene.free_space}
-    return {**facts, "file": str(Path(mesh.source).resolve()), **thick, **_plain(told)}
+    return {**facts, "file": str(Path(mesh.source).resolve()), **voxels, **_plain(told)}
 
 
 def _object_table(thing: MovingObject) -> dict[str, Any] | None:

@@ -8,6 +8,7 @@ them. Large plain walls need no block at all; edges, stairs, furniture, thin wal
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -85,10 +86,16 @@ def bake_blocks(
     )
 
 
+def check_spacing(spacing: float | int) -> float:
+    """Metres between nodes as given; raises UserError unless they are positive."""
+    if not (math.isfinite(spacing) and spacing > 0):
+        raise UserError(f"bake spacing is {spacing}; give metres, such as 0.02")
+    return float(spacing)
+
+
 def coarse_lattice(mesh: Mesh, spacing: float, padding: float) -> Lattice:
     """The coarse nodes around a mesh; raises UserError where there would be too many."""
-    if not (np.isfinite(spacing) and spacing > 0):
-        raise UserError(f"bake spacing is {spacing}; give metres, such as 0.02")
+    check_spacing(spacing)
     size = np.ptp(mesh.bounds, axis=0) + 2 * padding
     nodes = float(np.prod(np.ceil(size / (CELL * spacing)) + 1))
     if nodes > LARGEST:

@@ -58,6 +58,17 @@ class SdfGrid:
         low = self.origin.cpu().numpy()
         return np.stack([low, low + self.spacing * (np.array(self.values.shape) - 1)])
 
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Nodes along x, y and z."""
+        x, y, z = self.values.shape
+        return x, y, z
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes in memory."""
+        return self.values.nbytes
+
     def nodes(self, index: np.ndarray) -> np.ndarray:
         """World positions ``[..., 3]`` (m, float64) of the nodes with integer indices ``[..., 3]``."""
         positions: np.ndarray = self.origin.cpu().numpy() + self.spacing * index

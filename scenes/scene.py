@@ -15,9 +15,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.bake import Bake, bake, check_resolution, check_thickness
+from scenes.bake_blocks import bake_blocks, check_spacing
 from scenes.errors import UserError, did_you_mean
 from scenes.field import DistanceField
 from scenes.free_space import FreeSpace, Rule, check_free_space, decide, signed_distance
+from scenes.lattice import Lattice
 from scenes.mesh import Mesh, load_mesh
 from scenes.moving import MovingObject
 from scenes.primitives import Capsule, Plane, Primitive, Sphere
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 
 PADDING = 0.1
 """Metres of grid around each mesh."""
+
+DENSE = 2**26
+"""Nodes up to which a stated spacing gives a dense grid: 256 MB."""
 
 BUNDLED = Path(__file__).parent / "bundled"
 
@@ -50,6 +55,7 @@ class Scene:
         name: str = "scene",
         objects: Sequence[MovingObject] = (),
         thickness: float | int = 0.0,
+        spacing: float | int | None = None,
     ) -> None:
         """Describe a scene.
 
@@ -65,6 +71,8 @@ class Scene:
             name: for reports.
             objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
             thickness: metres that walls without thickness, or with less, are given (see `scenes.bake.bake`).
+            spacing: metres between nodes, instead of `resolution`; where a dense grid would be large, its nodes are kept
+                near surfaces only (see `scenes.bake_blocks.bake_blocks`).
         """
         self.meshes = tuple(meshes)
         self.primitives = tuple(primitives)
@@ -72,6 +80,7 @@ class Scene:
         check_resolution(resolution)
         self.resolution = resolution
         self.thickness = check_thickness(thickness)
+        self.spacing = None if spacing is None else check_spacing(spacing)
         self.free_space = check_free_space(free_space)
         self.cache: Path | Literal["default"] | None = cache
         self.name = name
@@ -98,10 +107,22 @@ class Scene:
     def bakes(self) -> tuple[Bake[Any], ...]:
         """The baked grid of every mesh."""
         rules = [self._free_space_of(mesh) for mesh in self.meshes]
-        return tuple(
-            bake(mesh, self.resolution, self.padding, rule, self.cache, thickness=self.thickness)
-            for mesh, rule in zip(self.meshes, rules, strict=True)
-        )
+        return tuple(self._baked(mesh, rule) for mesh, rule in zip(self.meshes, rules, strict=True))
+
+    def _baked(self, mesh: Mesh, rule: FreeSpace) -> Bake[Any]:
+        """One mesh, on nodes `spacing` apart where that is stated: all of them, or those near surfaces."""
+        if self.spacing is None:
+            return bake(mesh, self.resolution, self.padding, rule, self.cache, thickness=self.thickness)
+        size = np.ptp(mesh.bounds, axis=0) + 2 * self.padding
+        if float(np.prod(size / self.spacing + 1)) <= DENSE:
+            lattice = Lattice.spaced(mesh.bounds, self.spacing, self.padding)
+            return bake(mesh, free_space=rule, cache=self.cache, lattice=lattice, thickness=self.thickness)
+        if self.thickness:
+            raise UserError(
+                f"mesh '{mesh.name}' is too large for walls to be given a thickness at a spacing of {self.spacing:g} m;"
+                " state a coarser spacing or a resolution"
+            )
+        return bake_blocks(mesh, self.spacing, self.padding, rule, self.cache)
 
     @cached_property
     def fields(self) -> tuple[DistanceField, ...]:
@@ -204,6 +225,7 @@ class Scene:
                 self.resolution,
                 self.free_space,
                 self.thickness,
+                self.spacing,
                 [thing.digest for thing in self.objects],
             )
         )
@@ -241,10 +263,11 @@ def load_scene(
     cache: Path | Literal["default"] | None = "default",
     objects: Sequence[MovingObject] = (),
     thickness: float | int = 0.0,
+    spacing: float | int | None = None,
 ) -> Scene:
     """A scene from one mesh file, plus primitives and objects; arguments as `load_mesh` and `Scene` take them."""
     mesh = load_mesh(path, unit, up)
-    return Scene([mesh], primitives, floor, resolution, free_space, cache, mesh.name, objects, thickness)
+    return Scene([mesh], primitives, floor, resolution, free_space, cache, mesh.name, objects, thickness, spacing)
 
 
 def bundled_names() -> list[str]:
@@ -259,6 +282,7 @@ def bundled(
     cache: Path | Literal["default"] | None = "default",
     objects: Sequence[MovingObject] = (),
     thickness: float | int = 0.0,
+    spacing: float | int | None = None,
 ) -> Scene:
     """A scene that comes with the package; raises UserError for an unknown name.
 
@@ -271,4 +295,6 @@ def bundled(
         facts = tomllib.loads(notes.read_text(encoding="utf-8"))
     mesh = load_mesh(BUNDLED / f"{name}.glb")
     free_space = facts.get("free_space", "auto")
-    return Scene([mesh], primitives, facts.get("floor"), resolution, free_space, cache, name, objects, thickness)
+    return Scene(
+        [mesh], primitives, facts.get("floor"), resolution, free_space, cache, name, objects, thickness, spacing
+    )

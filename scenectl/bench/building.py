@@ -200,7 +200,7 @@ def _errors(field: SdfBlocks, mesh: Mesh, seed: int, samples: int = 6000) -> dic
     at = rng.choice(len(corners), samples, p=areas / areas.sum())
     on = np.einsum("nk,nkc->nc", rng.dirichlet(np.ones(3), size=samples), corners[at]) + surface.centre
     near = on + rng.normal(0.0, 2 * field.spacing, (samples, 3))
-    anywhere = rng.uniform(*mesh.bounds, size=(samples, 3))
+    anywhere = rng.uniform(mesh.bounds[0], mesh.bounds[1], size=(samples, 3))
     points = np.concatenate([near, anywhere])
     exact = surface.unsigned_distance(points)
     solid = np.abs(surface.winding_fast(points)) > 0.5
