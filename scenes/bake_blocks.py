@@ -28,13 +28,13 @@ from scenes.mesh import Mesh
 from scenes.signs import sign
 from scenes.surface import Surface
 
-BAND = 8.0
+BAND = 2.0
 """Fine voxels from the surface within which cells are divided where that is needed."""
 
-TOLERANCE = 0.05
+TOLERANCE = 0.2
 """Fine voxels by which a cell's interpolant may err near the surface."""
 
-SLOPE = 0.05
+SLOPE = 0.5
 """Error that it may have as a share of the distance, where that is more."""
 
 _CHUNK = 1 << 14  # blocks that one thread takes
@@ -254,16 +254,38 @@ class _Builder:
             counts = np.zeros(crossed.shape, dtype=np.int16)
             marks = crossed.transpose(axes)
             rays.crossings(vertices, faces, all_of_them, axes, self.bits, 0, side + 1, 0, counts, marks, flag)
-        region = np.empty(side**3, dtype=np.int32)
         edges = np.ascontiguousarray(crossed[:side, :side, :side]).reshape(-1)
-        count = regions.regions(distance.reshape(-1), edges, distance.shape, region)
-        silent = kernels.signed_by_regions(region.reshape(distance.shape), count, coarse, distance)
-        asked = np.flatnonzero(silent >= 0)
-        if len(asked) == 0:
-            return
-        nodes = np.stack(np.unravel_index(silent[asked], distance.shape), axis=-1) + np.array(corner)
-        points = np.array(self.lattice.origin) + self.spacing * nodes
-        free = self.rule.free(self.surface.dipoles.at(points - self.surface.centre, threads=1))
-        solid = np.zeros(count, dtype=bool)
-        solid[asked] = ~free
-        distance.reshape(-1)[solid[region]] *= -1
+        free = self._free(distance, edges, coarse, np.array(corner))
+        distance.reshape(-1)[~free] *= -1
+
+    def _free(self, distance: np.ndarray, edges: np.ndarray, coarse: np.ndarray, corner: np.ndarray) -> np.ndarray:
+        """Which nodes of a brick are free, flat: by regions, and where a region leaks by growing from coarse nodes."""
+        flat, shape = distance.reshape(-1), distance.shape
+        region = np.empty(flat.size, dtype=np.int32)
+        count = regions.regions(flat, edges, shape, region)
+        for_free, for_solid = kernels.tallied(region.reshape(shape), count, coarse)
+        free = for_free > 0
+        silent = np.flatnonzero(for_free + for_solid == 0)
+        if len(silent):
+            free[silent] = self._asked(kernels.deepest_nodes(region, count, flat)[silent], shape, corner)
+        free = free[region]
+        torn = ((for_free > 0) & (for_solid > 0))[region]
+        if not torn.any():
+            return free
+        label = np.zeros(shape, dtype=np.int8)
+        label[::CELL, ::CELL, ::CELL] = np.where(coarse < 0, 2, 1)
+        label = np.where(torn, label.reshape(-1), np.int8(0))
+        order, parent = np.empty(int(torn.sum()), dtype=np.int32), np.full(flat.size, -1, dtype=np.int32)
+        regions.flood(order, regions.descending(flat, torn, order), flat, edges, shape, label, parent)
+        found = label[np.where(torn, parent, 0)]
+        unknown = np.unique(parent[torn & (found == 0)])
+        if len(unknown):
+            label[unknown] = np.where(self._asked(unknown, shape, corner), 1, 2)
+        free[torn] = label[parent[torn]] == 1
+        return free
+
+    def _asked(self, nodes: np.ndarray, shape: tuple[int, ...], corner: np.ndarray) -> np.ndarray:
+        """Whether space is free at nodes of a brick (flat indices), by their winding numbers."""
+        index = np.stack(np.unravel_index(nodes, shape), axis=-1) + corner
+        points = np.array(self.lattice.origin) + self.spacing * index
+        return self.rule.free(self.surface.dipoles.at(points - self.surface.centre, threads=1))

@@ -71,8 +71,8 @@ class Scene:
             name: for reports.
             objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
             thickness: metres that walls without thickness, or with less, are given (see `scenes.bake.bake`).
-            spacing: metres between nodes, instead of `resolution`; where a dense grid would be large, its nodes are kept
-                near surfaces only (see `scenes.bake_blocks.bake_blocks`).
+            spacing: metres between nodes, instead of `resolution`; where a dense grid would be large, its nodes are
+                kept near surfaces only (see `scenes.bake_blocks.bake_blocks`).
         """
         self.meshes = tuple(meshes)
         self.primitives = tuple(primitives)

@@ -294,44 +294,28 @@ def filled(coarse, out):
 
 
 @kernel
-def signed_by_regions(region, count, coarse, distance):
-    """Turn a brick's nodes negative as the coarse nodes of their region say; where these disagree, the nearest does.
+def tallied(region, count, coarse):
+    """Coarse nodes that are free, and that are solid, in each region of a brick ``[x, y, z]``."""
+    free, solid = np.zeros(count, np.int32), np.zeros(count, np.int32)
+    for x in range(coarse.shape[0]):
+        for y in range(coarse.shape[1]):
+            for z in range(coarse.shape[2]):
+                r = region[CELL * x, CELL * y, CELL * z]
+                if coarse[x, y, z] < 0:
+                    solid[r] += 1
+                else:
+                    free[r] += 1
+    return free, solid
 
-    Args:
-        region: number of each node's region, ``[x, y, z]``.
-        coarse: signed distances at the coarse nodes.
 
-    Returns:
-        for each region the flat index of its farthest node from any surface where no coarse node lies in it, else -1.
-    """
-    free, solid = np.zeros(count, np.int64), np.zeros(count, np.int64)
+@kernel
+def deepest_nodes(region, count, distance):
+    """Flat index of each region's node that is farthest from any surface."""
     deepest = np.full(count, -1, np.int64)
-    depth = np.zeros(count)
-    n = distance.shape[0]
-    for x in range(n):
-        for y in range(n):
-            for z in range(n):
-                r = region[x, y, z]
-                if x % CELL == 0 and y % CELL == 0 and z % CELL == 0:
-                    if coarse[x // CELL, y // CELL, z // CELL] < 0:
-                        solid[r] += 1
-                    else:
-                        free[r] += 1
-                if deepest[r] < 0 or distance[x, y, z] > depth[r]:
-                    deepest[r], depth[r] = (x * n + y) * n + z, distance[x, y, z]
-    for x in range(n):
-        for y in range(n):
-            for z in range(n):
-                r = region[x, y, z]
-                negative = solid[r] > 0
-                if negative and free[r] > 0:
-                    half = CELL // 2
-                    negative = coarse[(x + half) // CELL, (y + half) // CELL, (z + half) // CELL] < 0
-                if negative:
-                    distance[x, y, z] = -distance[x, y, z]
-    for r in range(count):
-        if free[r] + solid[r] > 0:
-            deepest[r] = -1
+    for n in range(len(region)):
+        r = region[n]
+        if deepest[r] < 0 or distance[n] > distance[deepest[r]]:
+            deepest[r] = n
     return deepest
 
 
@@ -365,6 +349,9 @@ def _trilinear(v, i, j, k, s, x, y, z):
     return e + (c + (d - c) * y - e) * x
 
 
+_SOLID = np.float32(0.5)  # share of the depth by which a distance inside a solid may err
+
+
 @helper
 def _suffices(v, x0, y0, z0, level, tolerance, slope):
     """Whether a cell of this level is true to `v` on all fine nodes."""
@@ -387,7 +374,8 @@ def _suffices(v, x0, y0, z0, level, tolerance, slope):
                         worst = np.float32(0.0)
                         for z in range(s + 1):
                             true = row[k + z]
-                            worst = max(worst, abs(begin + step * z - true) - max(tolerance, slope * abs(true)))
+                            allowed = max(tolerance, slope * true, -_SOLID * true)
+                            worst = max(worst, abs(begin + step * z - true) - allowed)
                         if worst > 0:
                             return False
     return True
@@ -397,7 +385,8 @@ def _suffices(v, x0, y0, z0, level, tolerance, slope):
 def chosen(v, near, tolerance, slope, level):
     """For each near cell the lowest level whose interpolant errs by `tolerance` or `slope` times the distance at most.
 
-    The finest level is right by definition. Returns how many cells have each level.
+    Inside solids, where nobody goes, half of the distance is allowed: thin walls cost most otherwise. The finest level
+    is right by definition. Returns how many cells have each level.
     """
     counts = np.zeros(LEVELS + 1, np.int64)
     tolerance, slope = np.float32(tolerance), np.float32(slope)
