@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,7 @@ class Mesh:
         unit: unit of the source; `vertices` are metres whatever it says.
         up: axis that pointed up in the source; in `vertices` it is y.
         digest: SHA-256 of vertices and faces, hexadecimal; computed when left empty.
+        bounds: lowest and highest corner of the vertices that triangles use, ``[2, 3]``, metres.
 
     Raises:
         UserError: wrong shapes, no triangles, coordinates that are not finite, or faces naming missing vertices.
@@ -61,6 +62,7 @@ class Mesh:
     unit: str = "m"
     up: str = "y"
     digest: str = ""
+    bounds: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
@@ -73,22 +75,20 @@ class Mesh:
             raise UserError(f"mesh '{self.name}' has no triangles; export it with its faces")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise UserError(f"mesh '{self.name}' has faces that name vertices beyond its {len(vertices)}; repair it")
-        bad = int((~np.isfinite(vertices[np.unique(faces)])).any(axis=1).sum())
+        used = np.zeros(len(vertices), dtype=bool)
+        used[faces.reshape(-1)] = True
+        corners = vertices if used.all() else vertices[used]
+        bad = 0 if np.isfinite(corners).all() else int((~np.isfinite(corners)).any(axis=1).sum())
         if bad:
             raise UserError(f"mesh '{self.name}' has {bad} vertices with NaN or infinite coordinates; repair it first")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "bounds", np.stack([corners.min(axis=0), corners.max(axis=0)]))
         if not self.digest:
-            state = hashlib.sha256(vertices.tobytes())
-            state.update(faces.tobytes())
+            state = hashlib.sha256(vertices)
+            state.update(faces)
             object.__setattr__(self, "digest", state.hexdigest())
-        vertices.flags.writeable = faces.flags.writeable = False  # the digest must stay true
-
-    @property
-    def bounds(self) -> np.ndarray:
-        """Lowest and highest corner of the vertices that triangles use, ``[2, 3]``, metres."""
-        used = self.vertices[np.unique(self.faces)]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        vertices.flags.writeable = faces.flags.writeable = self.bounds.flags.writeable = False  # the digest must stay true
 
     @property
     def triangles(self) -> np.ndarray:
