@@ -239,7 +239,7 @@ class Assembly:
 
     def _vacate(self, part: _Part) -> Box:
         """Fill an object's nodes from those that are left; returns the box that they lie in."""
-        box = self._reach.pop(part.number, self._nowhere)
+        box = self._extent(part, self._reach.pop(part.number, self._nowhere))
         if (box[0] < box[1]).all():
             union.released(part.number, self._values[_slices(box)], self._owner[_slices(box)])
             self._measure_tiles(box)
@@ -247,9 +247,10 @@ class Assembly:
         return box
 
     def _fill(self, box: Box) -> None:
-        """Lower a box to every object: nearest first, so that the others are soon known to be too far."""
-        for part in sorted(self._parts.values(), key=lambda part: self._least(part, *box).item()):
-            self._lower(part, box)
+        """Lower a box to every object: near and large ones first, so that the others are soon known to be too far."""
+        rank = {name: (float(self._least(part, *box)), -part.values.size) for name, part in self._parts.items()}
+        for name in sorted(rank, key=rank.__getitem__):
+            self._lower(self._parts[name], box)
 
     def _least(self, part: _Part, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Metres from an object's bounds to boxes of nodes ``low <= node < high``, ``[*b, 3]``."""
@@ -264,11 +265,15 @@ class Assembly:
             return self._nowhere
         self._lower_within(part, reach)
         self._lower_beyond(part, reach)
-        self._measure_tiles(reach)
-        low, high = union.extent(part.number, self._owner[_slices(reach)])
-        own = (low + reach[0], high + reach[0])
+        own = self._extent(part, reach)
+        self._measure_tiles(own)
         self._reach[part.number] = _hull(own, self._reach.get(part.number, self._nowhere))
         return own
+
+    def _extent(self, part: _Part, box: Box) -> Box:
+        """The box of an object's nodes within a box."""
+        low, high = union.extent(part.number, self._owner[_slices(box)])
+        return (low + box[0], high + box[0]) if (low < high).all() else self._nowhere
 
     def _contested(self, part: _Part, box: Box) -> Box | None:
         """The part of a box outside which an object is certainly not nearest."""
@@ -323,6 +328,8 @@ class Assembly:
 
     def _measure_tiles(self, box: Box) -> None:
         """Note the highest value in every tile that a box touches."""
+        if (box[0] >= box[1]).any():
+            return
         first, after = box[0] // TILE, -(-box[1] // TILE)
         within = tuple(slice(a * TILE, b * TILE) for a, b in zip(first, after, strict=True))
         values, top = self._values[within], self._top[_slices((first, after))]

@@ -58,14 +58,17 @@ def extent(number, owner):
 @kernel
 def highest(values, edge, tx, top):
     """Highest value in each of the tiles ``top[tx]``, cubes of `edge` nodes."""
+    line = np.empty(values.shape[2], np.float32)
     for ty in range(top.shape[1]):
-        for tz in range(top.shape[2]):
-            best = np.float32(-np.inf)
-            for x in range(tx * edge, min((tx + 1) * edge, values.shape[0])):
-                for y in range(ty * edge, min((ty + 1) * edge, values.shape[1])):
-                    for z in range(tz * edge, min((tz + 1) * edge, values.shape[2])):
-                        best = max(best, values[x, y, z])
-            top[tx, ty, tz] = best
+        line[:] = -np.inf
+        for x in range(tx * edge, min((tx + 1) * edge, values.shape[0])):
+            for y in range(ty * edge, min((ty + 1) * edge, values.shape[1])):
+                row = values[x, y]
+                for z in range(len(line)):
+                    line[z] = row[z] if row[z] > line[z] else line[z]
+        top[tx, ty] = -np.inf
+        for z in range(len(line)):
+            top[tx, ty, z // edge] = max(top[tx, ty, z // edge], line[z])
 
 
 @kernel
