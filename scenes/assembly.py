@@ -53,6 +53,7 @@ class _Part:
         window: the window as a lattice.
         beyond: sign of distances outside the window.
         number: which it is among the objects, from 1.
+        threads: at most so many.
     """
 
     mesh: Mesh
@@ -63,11 +64,12 @@ class _Part:
     window: Lattice
     beyond: float
     number: int
+    threads: int | None
 
     @cached_property
     def seeds(self) -> Seeds:
         """What distances beyond the window are measured to: made when first asked for, a room never needs it."""
-        return Seeds.of(Soup.of(Surface.of(self.placed), self.window))
+        return Seeds.of(Soup.of(Surface.of(self.placed), self.window), self.threads)
 
 
 class Assembly:
@@ -208,7 +210,7 @@ class Assembly:
         number = next(number for number in count(1) if number not in taken)
         if number > np.iinfo(self._owner.dtype).max:
             raise UserError(f"an assembly holds at most {number - 1} objects; merge some meshes")
-        return _Part(mesh, placed, pose, grid.values.numpy(), corner, window, grid.beyond, number)
+        return _Part(mesh, placed, pose, grid.values.numpy(), corner, window, grid.beyond, number, self.threads)
 
     def _window(self, mesh: Mesh) -> tuple[np.ndarray, Lattice]:
         """The nodes around a mesh: all, if it is as long as half the lattice, as rooms are."""

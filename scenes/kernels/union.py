@@ -163,9 +163,7 @@ def lowered(near, place, triangle, record, j, first, core, scale, number, values
                 continue
             if scale > 0 and (math.sqrt(away[i, k]) - REACH) * scale > values[i, j, k]:
                 continue  # its triangles are further away than what is there
-            squared = to_record(
-                record, np.int64(triangle[far[i, k]]), np.float32(x), np.float32(y), np.float32(z)
-            )
+            squared = to_record(record, np.int64(triangle[far[i, k]]), np.float32(x), np.float32(y), np.float32(z))
             d = np.float32(math.sqrt(squared)) * np.float32(scale)
             if d < values[i, j, k]:
                 values[i, j, k] = d
