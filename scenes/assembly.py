@@ -258,7 +258,7 @@ class Assembly:
         """Metres from an object's bounds to boxes of nodes ``low <= node < high``, ``[*b, 3]``."""
         first, last = self._voxels(part.placed)
         gap = np.maximum(np.maximum(first - (high - 1), low - last), 0)
-        metres: np.ndarray = np.linalg.norm(gap, axis=-1) * self.lattice.spacing
+        metres = np.asarray(np.linalg.norm(gap, axis=-1) * self.lattice.spacing)
         return metres
 
     def _lower(self, part: _Part, box: Box) -> Box:
@@ -353,10 +353,7 @@ def _hull(a: Box, b: Box) -> Box:
 
 def _rigid(name: str, pose: np.ndarray) -> np.ndarray:
     """A pose as an array; raises UserError unless it turns and shifts and does nothing else."""
-    try:
-        matrix = np.array(pose, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"the pose of '{name}' is not made of numbers; give a 4 x 4 matrix") from error
+    matrix = np.array(pose, dtype=np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise UserError(f"the pose of '{name}' has shape {matrix.shape}; give 4 x 4 finite numbers")
     turn = matrix[:3, :3]

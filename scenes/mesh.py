@@ -87,8 +87,8 @@ class Mesh:
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "bounds", np.stack([corners.min(axis=0), corners.max(axis=0)]))
         if not self.digest:
-            state = hashlib.sha256(vertices)
-            state.update(faces)
+            state = hashlib.sha256(vertices.data)
+            state.update(faces.data)
             object.__setattr__(self, "digest", state.hexdigest())
         vertices.flags.writeable = faces.flags.writeable = self.bounds.flags.writeable = (
             False  # the digest must stay true
@@ -132,7 +132,7 @@ def load_parts(path: str | Path, unit: str | None = None, up: str | None = None)
     errors as for `load_mesh`, but a single object may be smaller than a scene.
 
     Returns:
-        Meshes by name, in the order of the file.
+        Meshes by name.
     """
     path, unit, up = _stated(path, unit, up)
     meshes = {
