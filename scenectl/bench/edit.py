@@ -14,6 +14,7 @@ import numpy as np
 from scenectl.generators.base import Progress
 from scenes.assembly import Assembly
 from scenes.bake import bake
+from scenes.grid import SdfGrid
 from scenes.mesh import Mesh, load_parts
 from scenes.scene import BUNDLED
 
@@ -48,17 +49,13 @@ def bench_edit(
     scene.move(movable[0], _nudged(scene, movable[0], rng))  # kernels are compiled
     for round_ in range(rounds):
         name = str(rng.choice(movable))
-        edits: dict[str, Callable[[], object]] = {
-            "move": lambda name=name: scene.move(name, _nudged(scene, name, rng)),
-            "remove": lambda name=name: scene.remove(name),
-            "add": lambda name=name: scene.add(name, meshes[name]),
-        }
-        for what, edit in edits.items():
+        for what in ("move", "remove", "add"):
             tell(f"{what} {name}", round_ / rounds)
-            _, edit_s = _timed(lambda edit=edit: (edit(), scene.grid))
+            pose = _nudged(scene, name, rng) if what == "move" else np.eye(4)
+            edit_s = _timed(lambda: _edited(scene, what, name, pose, meshes))[1]  # noqa: B023  # called at once
             full, full_s = _timed(scene.full)
             whole = _joined([scene.mesh(part) for part in scene.names])
-            _, whole_s = _timed(lambda whole=whole: bake(whole, lattice=scene.lattice, cache=None))
+            whole_s = _timed(lambda: bake(whole, resolution, cache=None))[1]  # noqa: B023
             same = np.array_equal(_bits(full), _bits(scene))
             rows.append(
                 {"edit": what, "object": name, "edit_s": edit_s, "full_s": full_s, "whole_s": whole_s, "equal": same}
@@ -78,6 +75,17 @@ def bench_edit(
         "all_equal": all(row["equal"] for row in rows),
     }
     return {"summary": summary, "rows": rows}
+
+
+def _edited(scene: Assembly, what: str, name: str, pose: np.ndarray, meshes: dict[str, Mesh]) -> SdfGrid:
+    """The grid after an edit."""
+    if what == "move":
+        scene.move(name, pose)
+    elif what == "remove":
+        scene.remove(name)
+    else:
+        scene.add(name, meshes[name], pose)
+    return scene.grid
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:

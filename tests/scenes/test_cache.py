@@ -23,17 +23,19 @@ from pathlib import Path
 from scenes.primitives import Box
 baking = importlib.import_module("scenes.bake")
 folder = Path(sys.argv[1])
+box = Box((0, 0, 0), (1, 1, 1)).mesh()
 small, large = (baking.bake(Box((0, 0, 0), (1, 1, side)).mesh(), 64, cache=None, threads=1) for side in (0.6, 1.0))
-fresh = 0
+baking.bake(box, 32, cache=None, thickness=0.1, threads=1)
+first = 0
 for line in sys.stdin:
-    delay, fresh = float(line), fresh + 1000
+    delay, first = float(line), first + 1000
     begun, begin = os.pipe()
     child = os.fork()
     if child == 0:
         os.write(begin, b"!")
-        for step in range(1000):
+        for step in range(first, first + 1000):
             baking._store(folder / "rewritten.npz", "key", (small, large)[step % 2])
-            baking.bake(Box((0, 0, 0), (1, 1, 1)).mesh(), 32, 0.1, cache=folder, thickness=1e-6 * (fresh + step), threads=1)
+            baking.bake(box, 32, cache=folder, thickness=1e-6 * step, threads=1)
         os._exit(0)
     os.read(begun, 1)
     os.close(begun), os.close(begin)
