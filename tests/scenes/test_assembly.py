@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import scenes.assembly
 from scenes.assembly import Assembly
 from scenes.bake import bake
 from scenes.distances import BAND, FAR_ERROR
@@ -19,6 +21,14 @@ from scenes.mesh import Mesh
 from scenes.primitives import Box, Capsule, Cylinder, Sphere
 
 LATTICE = Lattice((-2.2, -0.2, -1.7), 0.1, (45, 30, 35))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _small_tiles() -> Iterator[None]:
+    """Tiles so small that most of a small lattice's are passed over."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scenes.assembly, "TILE", 4)
+        yield
 
 
 def inverted(mesh: Mesh) -> Mesh:
