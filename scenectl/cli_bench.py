@@ -115,6 +115,22 @@ def bake_bench(
 
 
 @bench.command()
+def edit(
+    mesh: Annotated[
+        Path | None, typer.Option(help="A file of named objects. Default: the bundled living room.")
+    ] = None,
+    resolution: Annotated[int, typer.Option(help="Nodes along the longest side.")] = 256,
+    rounds: Annotated[int, typer.Option(min=1, help="Moves, removals and additions, as many of each.")] = 5,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """Objects of a scene moved, removed and added, against baking it anew: seconds, every bit equal."""
+    from scenectl.bench.edit import bench_edit
+
+    _run_and_show(lambda tell: bench_edit(mesh, resolution, rounds, seed, tell), json_file)
+
+
+@bench.command()
 def posterior(
     generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 6,
     seed: Seed = 0,

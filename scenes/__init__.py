@@ -1,5 +1,6 @@
 """What exists: geometry, the body in it, and motion as data. Imports neither objectives nor scenectl."""
 
+from scenes.assembly import Assembly
 from scenes.bake import Bake, bake, default_cache
 from scenes.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError
@@ -7,7 +8,7 @@ from scenes.field import DistanceField
 from scenes.floor import Floor, FreeArea, free_area, path_length
 from scenes.grid import SdfGrid
 from scenes.lattice import Lattice
-from scenes.mesh import Mesh, load_mesh
+from scenes.mesh import Mesh, load_mesh, load_parts
 from scenes.motion import Motion, Pose2D
 from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import (
@@ -29,6 +30,7 @@ __all__ = [
     "DEFAULT_BODY",
     "HUMANML3D",
     "PRIMITIVES",
+    "Assembly",
     "Bake",
     "Box",
     "Capsule",
@@ -58,6 +60,7 @@ __all__ = [
     "default_cache",
     "free_area",
     "load_mesh",
+    "load_parts",
     "load_scene",
     "path_length",
     "primitive",
