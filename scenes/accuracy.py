@@ -107,7 +107,8 @@ def measure(result: Bake, mesh: Mesh, samples: int = 20_000, seed: int = 0) -> A
     """Compare a bake with the oracle on `samples` nodes, half of them within about two voxels of the surface."""
     grid = result.grid
     x, y, z = (float(o) for o in grid.origin)
-    lattice = Lattice((x, y, z), grid.spacing, tuple(grid.values.shape))
+    nx, ny, nz = grid.values.shape
+    lattice = Lattice((x, y, z), grid.spacing, (nx, ny, nz))
     return Oracle.of(Surface.of(mesh), lattice, samples, seed).judge(grid, result.free)
 
 

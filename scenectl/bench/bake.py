@@ -67,9 +67,9 @@ def bench_bake(
         versions = {name: TOOLS[name].version for name in chosen}
         return {"summary": settings | {"tools": versions, "skipped": dict(skipped)} | summary(rows), "rows": rows}
 
-    done = 0
-    for mesh in _at_hand(meshes, skipped):
-        tell(f"{mesh.name}: {len(mesh.faces)} triangles, exact distances and winding numbers", done / _total(meshes))
+    for number, mesh in enumerate(_at_hand(meshes, skipped)):
+        done = number / len(meshes or KNOWN)
+        tell(f"{mesh.name}: {len(mesh.faces)} triangles, exact distances and winding numbers", done)
         with tempfile.TemporaryDirectory(prefix="scenectl-bake-") as folder:
             contest = Contest.of(mesh, resolution, Path(folder))
             earlier = len(rows)
@@ -78,16 +78,11 @@ def bench_bake(
                     run = contest.run(tool, timeout)
                     if run is not None:
                         cost = run.note or f"{run.cpu_s:.2f} s of CPU"
-                        tell(f"{mesh.name}: {tool} {cost}", done / _total(meshes))
+                        tell(f"{mesh.name}: {tool} {cost}", done)
                 rows[earlier:] = [contest.row(tool) for tool in chosen]
                 if keep is not None:
                     keep(result())
-        done += 1
     return result()
-
-
-def _total(meshes: Sequence[str]) -> int:
-    return len(meshes or KNOWN)
 
 
 def _installed(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh import Mesh, load_mesh
-from scenes.primitives import Box, Capsule, Cylinder, Sphere, csg
+from scenes.primitives import Box, Capsule, Cylinder, Primitive, Sphere, csg
 from scenes.scene import bundled, bundled_names
 
 SCANS = Path("../shared/data/meshes")
@@ -94,12 +94,13 @@ def soup_shapes(shapes: int = 360, seed: int = 0) -> Mesh:
     faces: list[np.ndarray] = []
     for i in range(shapes):
         place, size = rng.uniform(-2, 2, 3).tolist(), rng.uniform(0.1, 0.5, 3).tolist()
-        part = [
+        kinds: list[Primitive] = [
             Box(place, size, yaw=float(rng.uniform(0, 3))),
             Sphere(place, size[0] / 2),
             Capsule(place, (np.array(place) + size).tolist(), size[0] / 3),
             Cylinder(place, size[0] / 2, size[1]),
-        ][i % 4].mesh()
+        ]
+        part = kinds[i % 4].mesh()
         kept = part.faces[rng.random(len(part.faces)) > (0.3 if i % 3 == 0 else 0)]
         faces.append(kept + sum(len(v) for v in vertices))
         vertices.append(part.vertices)

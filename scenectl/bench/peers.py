@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -50,10 +49,10 @@ class Cube:
     def points(self, dtype: type = np.float64, chunk: int | None = None) -> Iterator[np.ndarray]:
         """All nodes in the order of the grid, as arrays ``[n, 3]`` of whole slabs, about `chunk` (default: all)."""
         slabs = self.nodes if chunk is None else max(1, chunk // self.nodes**2)
-        axis = self.axis.astype(dtype)
+        axis: np.ndarray = self.axis.astype(dtype)
         for first in range(0, self.nodes, slabs):
             x = axis[first : first + slabs]
-            block = np.empty((len(x), self.nodes, self.nodes, 3), dtype)
+            block: np.ndarray = np.empty((len(x), self.nodes, self.nodes, 3), dtype)
             block[..., 0], block[..., 1], block[..., 2] = x[:, None, None], axis[:, None], axis
             yield block.reshape(-1, 3)
 
@@ -85,8 +84,9 @@ def _open3d(cube: Cube) -> np.ndarray:
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(cube.vertices.astype(np.float32), cube.faces.astype(np.uint32))
-    return cube.asked(lambda points: scene.compute_signed_distance(o3d.core.Tensor(points)).numpy())
+    tensor = o3d.core.Tensor.from_numpy
+    scene.add_triangles(tensor(cube.vertices.astype(np.float32)), tensor(cube.faces.astype(np.uint32)))
+    return cube.asked(lambda points: scene.compute_signed_distance(tensor(points)).numpy())
 
 
 def _mesh2sdf(cube: Cube) -> np.ndarray:
@@ -135,7 +135,6 @@ def _pysdf(cube: Cube) -> np.ndarray:
 def _warp(cube: Cube) -> np.ndarray:
     import warp as wp
 
-    wp.config.quiet = True
     mesh = wp.Mesh(
         wp.array(cube.vertices.astype(np.float32), dtype=wp.vec3, device="cpu"),
         wp.array(cube.faces.astype(np.int32).reshape(-1), dtype=wp.int32, device="cpu"),
@@ -174,12 +173,12 @@ def _pytorch_volumetric(cube: Cube) -> np.ndarray:
     import torch
 
     with tempfile.TemporaryDirectory() as folder:
-        file = str(Path(folder) / "mesh.ply")  # it reads files only
+        file = Path(folder) / "mesh.ply"  # it reads files only
         triangles = o3d.utility.Vector3iVector(cube.faces.astype(np.int32))
         o3d.io.write_triangle_mesh(
             file, o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(cube.vertices), triangles)
         )
-        distance = pv.MeshSDF(pv.MeshObjectFactory(file))
+        distance = pv.MeshSDF(pv.MeshObjectFactory(str(file)))
     return cube.asked(lambda points: distance(torch.from_numpy(points))[0].numpy())
 
 
@@ -227,7 +226,15 @@ TOOLS = {
 
 @dataclass(frozen=True)
 class Run:
-    """What one bake cost; None and a note where it failed or ran out of time."""
+    """What one bake cost; None and a note where it failed or ran out of time.
+
+    Attributes:
+        cpu_s: processor seconds, of the user and the system, on all threads.
+        wall_s: seconds.
+        peak_mb: most memory that the process ever held, MiB.
+        base_mb: memory before the bake, with libraries, the mesh and compiled code, MiB.
+        note: what went wrong.
+    """
 
     cpu_s: float | None = None
     wall_s: float | None = None
@@ -271,15 +278,17 @@ def _tiny() -> Cube:
 
 
 def _measure(bake: Callable[[Cube], np.ndarray], cube: Cube) -> tuple[np.ndarray, Run]:
-    base = _peak_mb()
+    base = _memory_mb("VmRSS")
     cpu, wall = time.process_time(), time.perf_counter()
     values = bake(cube)
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    return values, Run(cpu, wall, _peak_mb(), base)
+    return values, Run(cpu, wall, _memory_mb("VmHWM"), base)
 
 
-def _peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+def _memory_mb(which: str) -> float:
+    """A figure of Linux's about this process; `ru_maxrss` would count the process that started it."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(f"{which}:")) / 1024
 
 
 def main(tool: str, cube_file: str, grid_file: str) -> None:
