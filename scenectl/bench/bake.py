@@ -39,7 +39,7 @@ def bench_bake(
     tools: Sequence[str] = (),
     resolution: int = 256,
     runs: int = 3,
-    timeout: float = 900.0,
+    timeout: float | int = 900.0,
     progress: Progress | None = None,
     keep: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
@@ -143,7 +143,7 @@ class Contest:
         rule = decide(surface, "auto", lattice.bounds, mesh.name)
         return cls(mesh, surface, lattice, rule, Oracle.of(surface, lattice, SAMPLES), folder, {}, {})
 
-    def run(self, tool: str, timeout: float) -> Run | None:
+    def run(self, tool: str, timeout: float | int) -> Run | None:
         """Bake once more; None where the tool has failed before, because then it would again."""
         earlier = self.runs.setdefault(tool, [])
         if any(run.note for run in earlier):

@@ -28,7 +28,7 @@ def named(mesh: Mesh, name: str) -> Mesh:
 
 
 def subdivided(mesh: Mesh, triangles: int) -> Mesh:
-    """The same surface in about so many triangles, with no new boundary.
+    """The same surface in so many triangles or, at worst, a quarter fewer, with no new boundary.
 
     Every triangle is split into four at its edges' middles as often as fits; then the largest are split into three.
     """

@@ -243,7 +243,7 @@ class Run:
     note: str = ""
 
 
-def timed(tool: str, cube: Path, grid: Path, timeout: float) -> Run:
+def timed(tool: str, cube: Path, grid: Path, timeout: float | int) -> Run:
     """Bake the cube in the file `cube` with `tool` in a fresh process, which leaves the values in the file `grid`."""
     root = str(Path(__file__).resolve().parents[2])
     paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
