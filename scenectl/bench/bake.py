@@ -98,7 +98,7 @@ def _installed(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
 
 def _at_hand(names: Sequence[str], skipped: dict[str, str]) -> Iterator[Mesh]:
     """The meshes by name; without names all that can be had, and why others cannot goes into `skipped`."""
-    for name in names or KNOWN:
+    for name in dict.fromkeys(names or KNOWN):
         try:
             mesh = mesh_named(name)
         except UserError as error:

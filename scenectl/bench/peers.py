@@ -271,10 +271,11 @@ def _load(path: str) -> Cube:
         return Cube(data["vertices"], data["faces"], float(data["spacing"]), int(data["nodes"]))
 
 
-def _tiny() -> Cube:
-    """A tetrahedron: what is imported or compiled at first use comes with it."""
+def _tiny() -> list[Cube]:
+    """A solid, a room and a soup: what is imported or compiled at first use comes with one of them."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) - 0.25
-    return Cube(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]), 0.25, 12)
+    solid = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    return [Cube(corners, faces, 0.25, 12) for faces in (solid, solid[:, ::-1].copy(), solid[:2])]
 
 
 def _measure(bake: Callable[[Cube], np.ndarray], cube: Cube) -> tuple[np.ndarray, Run]:
@@ -296,7 +297,8 @@ def main(tool: str, cube_file: str, grid_file: str) -> None:
     bake = TOOLS[tool].bake
     import_module(TOOLS[tool].module)
     cube = _load(cube_file)
-    bake(_tiny())
+    for tiny in _tiny():
+        bake(tiny)
     values, run = _measure(bake, cube)
     np.save(grid_file, np.asarray(values, np.float32))
     print("\n" + json.dumps(run.__dict__))
