@@ -275,7 +275,13 @@ def _tiny() -> list[Cube]:
     """A solid, a room and a soup: what is imported or compiled at first use comes with one of them."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) - 0.25
     solid = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    return [Cube(corners, faces, 0.25, 12) for faces in (solid, solid[:, ::-1].copy(), solid[:2])]
+    rng = np.random.default_rng(0)
+    soup = (rng.uniform(-1, 1, (100, 1, 3)) + rng.normal(size=(100, 3, 3))).reshape(-1, 3).clip(-1.2, 1.2)
+    return [
+        Cube(corners, solid, 0.25, 12),
+        Cube(corners, solid[:, ::-1].copy(), 0.25, 12),
+        Cube(soup, np.arange(len(soup)).reshape(-1, 3), 0.1, 26),
+    ]
 
 
 def _measure(bake: Callable[[Cube], np.ndarray], cube: Cube) -> tuple[np.ndarray, Run]:
