@@ -97,6 +97,16 @@ class SdfGrid:
         return product.to(points).reshape(points.shape)
 
     @cached_property
+    def lipschitz(self) -> float:
+        """The most by which `distance` changes over a metre, m/m.
+
+        Between nodes each partial derivative is a mean of differences between neighbours, and no more than the largest
+        of them; outside, the distance to the grid adds 1 across its faces. Of exact distances this is about 3 ** 0.5.
+        """
+        largest = [max(1.0, float(self.values.diff(dim=axis).abs().max()) / self.spacing) for axis in range(3)]
+        return float(np.linalg.norm(largest))
+
+    @cached_property
     def _arrays(self) -> tuple[Any, ...]:
         """What kernels ask for: flat values, shape, origin, spacing, sign beyond."""
         values = self.values.detach().cpu().numpy().reshape(-1)
