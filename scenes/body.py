@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -72,6 +73,18 @@ class BodySphere:
     beyond: float = 0.0
 
 
+class Segments(NamedTuple):
+    """The body as C capsules: ends `a` and `b` (world, m), which coincide for a sphere, `radius` (m), and `owners`.
+
+    An owner is the joint to name when the capsule hits something, and to exempt: of a bone, the one further out.
+    """
+
+    a: Float[Tensor, "*b C 3"]
+    b: Float[Tensor, "*b C 3"]
+    radius: Float[Tensor, " C"]
+    owners: list[str]
+
+
 @dataclass(frozen=True)
 class _Samples:
     weights: np.ndarray  # [M, J]
@@ -110,13 +123,25 @@ class ProxyBody:
 
     def points(self, motion: Motion) -> tuple[Float[Tensor, "*b T M 3"], Float[Tensor, " M"]]:
         """World positions of all samples (m) and their radii (m); raises UserError for another skeleton."""
+        self._check(motion)
+        return self.points_of(motion.joints), self.radii(motion.joints)
+
+    def segments(self, motion: Motion) -> Segments:
+        """All spheres and capsules, whole instead of sampled; raises UserError for another skeleton."""
+        self._check(motion)
+        weights, joints = self._ends.to(motion.joints), motion.joints
+        a, b = (torch.einsum("cj,...jd->...cd", end, joints) for end in weights)
+        radii = [part.radius for part in (*self.spheres, *self.capsules)]
+        owners = [s.joint for s in self.spheres] + [c.b for c in self.capsules]
+        return Segments(a, b, joints.new_tensor(radii), [self.skeleton.names[j] for j in owners])
+
+    def _check(self, motion: Motion) -> None:
         if motion.skeleton.names != self.skeleton.names:
             raise UserError(
                 f"the motion has joints {', '.join(motion.skeleton.names[:3])}, … ({len(motion.skeleton.names)}), but "
                 f"this body is made for {', '.join(self.skeleton.names[:3])}, … ({len(self.skeleton.names)}); "
                 "retarget the motion or build a ProxyBody for its skeleton"
             )
-        return self.points_of(motion.joints), self.radii(motion.joints)
 
     def points_of(self, joints: Float[Tensor, "*b J 3"]) -> Float[Tensor, "*b M 3"]:
         """World positions of all samples (m) for joint positions (m), linear in them."""
@@ -167,12 +192,23 @@ class ProxyBody:
         return torch.from_numpy(self._samples.weights)
 
     @cached_property
+    def _ends(self) -> Tensor:
+        """Joints to both ends of all spheres and capsules, ``[2, C, J]``."""
+        blends = [(_blend(s), _blend(s)) for s in self.spheres]
+        blends += [({c.a: 1.0}, {c.b: 1.0}) for c in self.capsules]
+        weights = torch.zeros(2, len(blends), len(self.skeleton.names), dtype=torch.float64)
+        for part, ends in enumerate(blends):
+            for end, blend in enumerate(ends):
+                for joint, weight in blend.items():
+                    weights[end, part, joint] = weight
+        return weights
+
+    @cached_property
     def _samples(self) -> _Samples:
         names, lengths = self.skeleton.names, self.skeleton.bone_lengths
         rows: list[tuple[dict[int, float], float, int, str]] = []
         for s in self.spheres:
-            blend = {s.joint: 1.0} if s.base < 0 else {s.joint: 1.0 + s.beyond, s.base: -s.beyond}
-            rows.append((blend, s.radius, s.joint, s.name))
+            rows.append((_blend(s), s.radius, s.joint, s.name))
         for c in self.capsules:
             steps = max(1, math.ceil(STRETCH * float(lengths[c.b]) / c.radius - 1e-9))
             for k in range(1, steps):
@@ -185,6 +221,13 @@ class ProxyBody:
         return _Samples(
             weights, np.array([row[1] for row in rows]), tuple(row[2] for row in rows), tuple(row[3] for row in rows)
         )
+
+
+def _blend(sphere: BodySphere) -> dict[int, float]:
+    """Weights of the joints that carry a sphere's centre."""
+    if sphere.base < 0:
+        return {sphere.joint: 1.0}
+    return {sphere.joint: 1.0 + sphere.beyond, sphere.base: -sphere.beyond}
 
 
 # The ankle of HumanML3D's people stands 47 mm above their foot joint (reference clip), the lateral malleolus of
