@@ -8,6 +8,7 @@ distance, which changes by 1 m/m.
 from __future__ import annotations
 
 import math
+from functools import reduce
 from typing import Any, NamedTuple
 
 import torch
@@ -16,6 +17,8 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.field import DistanceField
+from scenes.grid import SdfGrid
+from scenes.primitives import Plane
 
 Times = tuple[Tensor, Tensor]
 
@@ -182,15 +185,18 @@ def swept_clearance(
     _check_vectors(a0=a0, b0=b0, a1=a1, b1=b1)
     _check_positive("tolerance", tolerance)
     batch = a0.shape[:-1]
-    ends = torch.stack([a0, b0, a1, b1], dim=-2)
+    ends = torch.stack([a0, b0, a1, b1], dim=-2).reshape(-1, 4, 3)
     size = torch.as_tensor(radius).to(a0).expand(batch)
-    moments = None if times is None else torch.stack([torch.as_tensor(t).to(a0).expand(batch) for t in times], dim=-1)
-    with torch.no_grad():
-        flat = None if moments is None else moments.reshape(-1, 2)
-        share = _least(field, ends.reshape(-1, 4, 3), flat, speed, tolerance, enough + size.reshape(-1))
-    share = share.reshape(*batch, 2)
-    when = None if moments is None else torch.lerp(moments[..., 0], moments[..., 1], share[..., 1])
-    return field.distance(_place(ends, share), when) - size
+    moments = None
+    if times is not None:
+        moments = torch.stack([torch.as_tensor(t).to(a0).expand(batch) for t in times], dim=-1).reshape(-1, 2)
+    least = []
+    for part in getattr(field, "fields", (field,)):  # the least of several is the least of their leasts
+        with torch.no_grad():
+            share = _least(part, ends, moments, speed, tolerance, enough + size.reshape(-1))
+        when = None if moments is None else torch.lerp(moments[:, 0], moments[:, 1], share[:, 1])
+        least.append(part.distance(_place(ends, share), when))
+    return reduce(torch.minimum, least).reshape(batch) - size
 
 
 def _least(
@@ -202,6 +208,11 @@ def _least(
     enough: Float[Tensor, " n"],
 ) -> Float[Tensor, "n 2"]:
     """Shares of segment and way at which the field is least, to `tolerance` where that is below `enough`."""
+    if isinstance(field, SdfGrid):
+        return field.lowest_on_way(ends, enough, tolerance)
+    if isinstance(field, Plane):  # least at one of the ends
+        first = field.distance(ends).argmin(dim=1)
+        return torch.stack([first % 2, first // 2], dim=-1).to(ends)
     # The field changes by so much at most over all of the segment and over all of the way.
     a0, b0, a1, b1 = ends.unbind(1)
     along = torch.maximum((b0 - a0).norm(dim=-1), (b1 - a1).norm(dim=-1))

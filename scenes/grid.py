@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.ndimage import maximum_filter
 from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.kernels import parts
+from scenes.kernels.contact import SIDE, lowest, steepened
 from scenes.kernels.query import curved, interpolated
 
 ENOUGH = 32_768
@@ -96,15 +98,45 @@ class SdfGrid:
         _in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy().reshape(-1)))
         return product.to(points).reshape(points.shape)
 
-    @cached_property
-    def lipschitz(self) -> float:
-        """The most by which `distance` changes over a metre, m/m.
+    def lowest_on_way(
+        self, ends: Float[Tensor, "n 4 3"], enough: Float[Tensor, " n"], tolerance: float | int
+    ) -> Float[Tensor, "n 2"]:
+        """Where segments on their way meet the least of `distance`; see `scenes.contact.swept_clearance`.
 
-        Between nodes each partial derivative is a mean of differences between neighbours, and no more than the largest
-        of them; outside, the distance to the grid adds 1 across its faces. Of exact distances this is about 3 ** 0.5.
+        Args:
+            ends: a0 and b0 at the beginning, a1 and b1 at the end, metres, world.
+            enough: distance (m) above which nothing is looked for.
+            tolerance: metres by which the value found may exceed the least.
+
+        Returns:
+            Shares of the segment and of the way, both in 0 to 1.
         """
-        largest = [max(1.0, float(self.values.diff(dim=axis).abs().max()) / self.spacing) for axis in range(3)]
-        return float(np.linalg.norm(largest))
+        given, high = ends.detach().cpu().double().contiguous(), enough.detach().cpu().double().contiguous()
+        shares, steep = np.empty((len(given), 2)), self.steepness
+        arrays = (self.values.detach().cpu().numpy(), *self._arrays[2:], steep, float(steep.max()))
+        work = (*arrays, given.numpy(), high.numpy(), float(tolerance))
+        _in_parts(len(given), lambda begin, end: lowest(*work, begin, end, shares))
+        return torch.from_numpy(shares).to(ends)
+
+    @property
+    def lipschitz(self) -> float:
+        """The most by which `distance` changes over a metre, m/m, anywhere."""
+        return float(self.steepness.max())
+
+    @cached_property
+    def steepness(self) -> np.ndarray:
+        """The most by which `distance` changes over a metre, m/m, in blocks of `SIDE` voxels and their neighbours.
+
+        In a voxel each partial derivative is a mean of differences along 4 edges, and no more than the largest of them;
+        outside, the distance to the grid adds 1 across its faces. Of exact distances this is 3 ** 0.5 at most inside.
+        """
+        values = self.values.detach().cpu().numpy()
+        own = np.zeros([-(-(n - 1) // SIDE) for n in values.shape])
+        parts(lambda i: steepened(values, float(self.spacing), i, i + 1, own), len(own), torch.get_num_threads())
+        inner = np.zeros(own.shape, dtype=bool)
+        inner[1:-1, 1:-1, 1:-1] = True
+        steep: np.ndarray = maximum_filter(np.where(inner, own, np.hypot(own, 1.0)), size=3, mode="nearest")
+        return steep
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:
