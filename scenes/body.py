@@ -127,13 +127,11 @@ class ProxyBody:
         return self.points_of(motion.joints), self.radii(motion.joints)
 
     def segments(self, motion: Motion) -> Segments:
-        """All spheres and capsules, whole instead of sampled; raises UserError for another skeleton."""
+        """All spheres, and capsules from their first sample to their last; raises UserError for another skeleton."""
         self._check(motion)
-        weights, joints = self._ends.to(motion.joints), motion.joints
-        a, b = (torch.einsum("cj,...jd->...cd", end, joints) for end in weights)
-        radii = [part.radius for part in (*self.spheres, *self.capsules)]
-        owners = [s.joint for s in self.spheres] + [c.b for c in self.capsules]
-        return Segments(a, b, joints.new_tensor(radii), [self.skeleton.names[j] for j in owners])
+        weights, radii, owners = self._ends
+        a, b = (torch.einsum("cj,...jd->...cd", end, motion.joints) for end in weights.to(motion.joints))
+        return Segments(a, b, radii.to(motion.joints), [self.skeleton.names[j] for j in owners])
 
     def _check(self, motion: Motion) -> None:
         if motion.skeleton.names != self.skeleton.names:
@@ -192,25 +190,35 @@ class ProxyBody:
         return torch.from_numpy(self._samples.weights)
 
     @cached_property
-    def _ends(self) -> Tensor:
-        """Joints to both ends of all spheres and capsules, ``[2, C, J]``."""
-        blends = [(_blend(s), _blend(s)) for s in self.spheres]
-        blends += [({c.a: 1.0}, {c.b: 1.0}) for c in self.capsules]
-        weights = torch.zeros(2, len(blends), len(self.skeleton.names), dtype=torch.float64)
-        for part, ends in enumerate(blends):
-            for end, blend in enumerate(ends):
+    def _ends(self) -> tuple[Tensor, Tensor, list[int]]:
+        """Joints to both ends of all parts, ``[2, C, J]``, their radii ``[C]`` and owners."""
+        parts = [(_blend(s), _blend(s), s.radius, s.joint) for s in self.spheres]
+        for c in self.capsules:
+            steps = self._steps(c)
+            if steps > 1:  # else the spheres of its joints cover it
+                near, far = {c.a: 1 - 1 / steps, c.b: 1 / steps}, {c.a: 1 / steps, c.b: 1 - 1 / steps}
+                parts.append((near, far, c.radius, c.b))
+        weights = torch.zeros(2, len(parts), len(self.skeleton.names), dtype=torch.float64)
+        for part, (near, far, _, _) in enumerate(parts):
+            for end, blend in enumerate((near, far)):
                 for joint, weight in blend.items():
                     weights[end, part, joint] = weight
-        return weights
+        radii = torch.tensor([part[2] for part in parts], dtype=torch.float64)
+        return weights, radii, [part[3] for part in parts]
+
+    def _steps(self, capsule: BodyCapsule) -> int:
+        """Equal steps from joint to joint; samples are between them, since the joints carry spheres of their own."""
+        length = float(self.skeleton.bone_lengths[capsule.b])
+        return max(1, math.ceil(STRETCH * length / capsule.radius - 1e-9))
 
     @cached_property
     def _samples(self) -> _Samples:
-        names, lengths = self.skeleton.names, self.skeleton.bone_lengths
+        names = self.skeleton.names
         rows: list[tuple[dict[int, float], float, int, str]] = []
         for s in self.spheres:
             rows.append((_blend(s), s.radius, s.joint, s.name))
         for c in self.capsules:
-            steps = max(1, math.ceil(STRETCH * float(lengths[c.b]) / c.radius - 1e-9))
+            steps = self._steps(c)
             for k in range(1, steps):
                 t = k / steps
                 rows.append(({c.a: 1 - t, c.b: t}, c.radius, c.b if t >= 0.5 else c.a, f"{names[c.a]}-{names[c.b]}"))

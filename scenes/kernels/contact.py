@@ -8,8 +8,11 @@ import numpy as np
 
 from scenes.kernels import helper, kernel
 
-SIDE = 8
+SIDE = 4
 """Voxels along the edge of a block."""
+
+NEAR = SIDE - 1
+"""So many voxels from a point, all edges of a voxel belong to the point's block or its neighbours."""
 
 SMALLEST = 2.0**-60
 """Half of the smallest patch: points within it cannot be told apart."""
@@ -18,25 +21,26 @@ STACK = 128  # a patch is halved 60 times along both sides at most, and each hal
 
 
 @kernel
-def steepened(values, spacing, begin, end, steep):
-    """Bound of the gradient's length in blocks ``steep[begin:end]``: the longest of all voxels, per axis of 4 edges."""
+def steepened(values, spacing, begin, end, slopes):
+    """Range of differences between nodes, by blocks ``slopes[begin:end]``: least along x, y, z, then greatest.
+
+    An edge belongs to the block of its first node.
+    """
     nx, ny, nz = values.shape
+    mx, my, mz, _ = slopes.shape
+    over = 1.0 / spacing
     for bx in range(begin, end):
-        for x in range(bx * SIDE, min(bx * SIDE + SIDE, nx - 1)):
-            for y in range(ny - 1):
-                for z in range(nz - 1):
-                    a, b, c, d = values[x, y, z], values[x, y, z + 1], values[x, y + 1, z], values[x, y + 1, z + 1]
-                    e, f = values[x + 1, y, z], values[x + 1, y, z + 1]
-                    g, h = values[x + 1, y + 1, z], values[x + 1, y + 1, z + 1]
-                    dx = max(abs(e - a), abs(f - b), abs(g - c), abs(h - d))
-                    dy = max(abs(c - a), abs(d - b), abs(g - e), abs(h - f))
-                    dz = max(abs(b - a), abs(d - c), abs(f - e), abs(h - g))
-                    square = dx * dx + dy * dy + dz * dz
-                    if square > steep[bx, y // SIDE, z // SIDE]:
-                        steep[bx, y // SIDE, z // SIDE] = square
-        for by in range(steep.shape[1]):
-            for bz in range(steep.shape[2]):
-                steep[bx, by, bz] = math.sqrt(steep[bx, by, bz]) / spacing
+        for x in range(bx * SIDE, nx if bx == mx - 1 else bx * SIDE + SIDE):
+            up = min(x + 1, nx - 1)  # of the last node there is no edge, and its difference 0 does no harm
+            for y in range(ny):
+                by, right = min(y // SIDE, my - 1), min(y + 1, ny - 1)
+                for z in range(nz):
+                    into, here = slopes[bx, by, min(z // SIDE, mz - 1)], values[x, y, z]
+                    dx, dy = (values[up, y, z] - here) * over, (values[x, right, z] - here) * over
+                    dz = (values[x, y, min(z + 1, nz - 1)] - here) * over
+                    into[0], into[3] = min(into[0], dx), max(into[3], dx)
+                    into[1], into[4] = min(into[1], dy), max(into[4], dy)
+                    into[2], into[5] = min(into[2], dz), max(into[5], dz)
 
 
 @helper
@@ -49,8 +53,8 @@ def _split(x, size):
 
 
 @helper
-def _sampled(values, origin, spacing, beyond, steep, x, y, z):
-    """Value at a point, and a bound of the gradient's length within a block's edge of it."""
+def _sampled(values, origin, spacing, beyond, slopes, x, y, z):
+    """Value at a point, and the range of the gradient within NEAR voxels of it."""
     i, u, ox = _split((x - origin[0]) / spacing, values.shape[0])
     j, v, oy = _split((y - origin[1]) / spacing, values.shape[1])
     k, w, oz = _split((z - origin[2]) / spacing, values.shape[2])
@@ -60,7 +64,7 @@ def _sampled(values, origin, spacing, beyond, steep, x, y, z):
     d = values[i + 1, j + 1, k] + (values[i + 1, j + 1, k + 1] - values[i + 1, j + 1, k]) * w
     near, far = a + (b - a) * v, c + (d - c) * v
     value = near + (far - near) * u + beyond * spacing * math.sqrt(ox * ox + oy * oy + oz * oz)
-    return value, steep[i // SIDE, j // SIDE, k // SIDE]
+    return value, slopes[i // SIDE, j // SIDE, k // SIDE]
 
 
 @helper
@@ -77,14 +81,21 @@ def _length(x, y, z):
     return math.sqrt(x * x + y * y + z * z)
 
 
+@helper
+def _fall(slopes, x, y, z):
+    """The least that a value can change by on the way (x, y, z)."""
+    along_x = min(slopes[0] * x, slopes[3] * x)
+    return along_x + min(slopes[1] * y, slopes[4] * y) + min(slopes[2] * z, slopes[5] * z)
+
+
 @kernel
-def lowest(values, origin, spacing, beyond, steep, steepest, ends, enough, tolerance, begin, end, shares):
+def lowest(values, origin, spacing, beyond, slopes, widest, ends, enough, tolerance, begin, end, shares):
     """Where on segments ``begin .. end``, each on its way, the interpolant is least: branch and bound, depth first.
 
     Args:
         values, origin, spacing, beyond: of the grid.
-        steep: bound of the gradient in each block and its neighbours.
-        steepest: bound of it everywhere.
+        slopes: range of the gradient in each block and its neighbours.
+        widest: range of it everywhere.
         ends: a0, b0, a1, b1 of every segment, ``[n, 4, 3]``.
         enough: a segment whose least is above this needs no exact figure, ``[n]``.
         tolerance: what is found exceeds the least by this at most.
@@ -99,7 +110,7 @@ def lowest(values, origin, spacing, beyond, steep, steepest, ends, enough, toler
         for corner in range(4):  # where a segment slants, one of its ends is least
             s, t = float(corner % 2), float(corner // 2)
             x, y, z = _at(ends, n, 0, s, t)[0], _at(ends, n, 1, s, t)[0], _at(ends, n, 2, s, t)[0]
-            value, _ = _sampled(values, origin, spacing, beyond, steep, x, y, z)
+            value, _ = _sampled(values, origin, spacing, beyond, slopes, x, y, z)
             if value < best:
                 best = value
                 shares[n, 0], shares[n, 1] = s, t
@@ -109,20 +120,22 @@ def lowest(values, origin, spacing, beyond, steep, steepest, ends, enough, toler
             x, ux, vx, wx = _at(ends, n, 0, s, t)
             y, uy, vy, wy = _at(ends, n, 1, s, t)
             z, uz, vz, wz = _at(ends, n, 2, s, t)
-            value, slope = _sampled(values, origin, spacing, beyond, steep, x, y, z)
+            value, near = _sampled(values, origin, spacing, beyond, slopes, x, y, z)
             if value < best:
                 best = value
                 shares[n, 0], shares[n, 1] = s, t
-            # The patch reaches furthest at one of its corners.
+            # The patch reaches furthest at one of its corners, and there the value can have fallen most.
             ux, uy, uz, vx, vy, vz = hs * ux, hs * uy, hs * uz, ht * vx, ht * vy, ht * vz
             wx, wy, wz = hs * ht * wx, hs * ht * wy, hs * ht * wz
-            reach = max(
-                _length(ux + vx + wx, uy + vy + wy, uz + vz + wz),
-                _length(ux - vx - wx, uy - vy - wy, uz - vz - wz),
-                _length(vx - ux - wx, vy - uy - wy, vz - uz - wz),
-                _length(wx - ux - vx, wy - uy - vy, wz - uz - vz),
+            ax, ay, az = ux + vx + wx, uy + vy + wy, uz + vz + wz
+            bx, by, bz = ux - vx - wx, uy - vy - wy, uz - vz - wz
+            cx, cy, cz = vx - ux - wx, vy - uy - wy, vz - uz - wz
+            dx, dy, dz = wx - ux - vx, wy - uy - vy, wz - uz - vz
+            reach = max(_length(ax, ay, az), _length(bx, by, bz), _length(cx, cy, cz), _length(dx, dy, dz))
+            known = near if reach <= NEAR * spacing else widest
+            bound = value + min(
+                _fall(known, ax, ay, az), _fall(known, bx, by, bz), _fall(known, cx, cy, cz), _fall(known, dx, dy, dz)
             )
-            bound = value - reach * (slope if reach <= SIDE * spacing else steepest)
             if not (bound < best - tolerance and bound < enough[n]) or max(hs, ht) < SMALLEST:
                 continue
             if ht < SMALLEST or (hs >= SMALLEST and _length(ux, uy, uz) >= _length(vx, vy, vz)):

@@ -50,7 +50,7 @@ def test_lipschitz_bounds_every_difference_and_is_found_in_scenes() -> None:
     for a, b in ((p, q), (p, near)):
         assert ((rough.distance(a) - rough.distance(b)).abs() <= rough.lipschitz * (a - b).norm(dim=-1)).all()
     assert rough.lipschitz < 40 and lipschitz(rough) == rough.lipschitz
-    assert baked(BALL).lipschitz == pytest.approx(math.sqrt(3), rel=1e-3)
+    assert 1 <= baked(BALL).lipschitz <= math.sqrt(3) + 1e-3
     assert lipschitz(BALL) == 1.0 and lipschitz(Scene([], [BALL])) == 1.0
 
 
@@ -118,6 +118,29 @@ def test_swept_clearance_keeps_its_tolerance(field: DistanceField, tolerance: fl
         capsule_clearance(field, ends[0], ends[1], 0.1, tolerance=tolerance),
         swept_clearance(field, ends[0], ends[1], ends[0], ends[1], 0.1, tolerance=tolerance),
     )
+
+
+@pytest.mark.parametrize("beyond", [1.0, -1.0])
+def test_the_least_of_a_rough_grid_is_never_missed(beyond: float) -> None:
+    """Noise whose strength differs from place to place: what is known of one block says nothing of the next but one."""
+    noise = torch.Generator().manual_seed(2)
+    strength = torch.rand(6, 6, 6, generator=noise).pow(4).repeat_interleave(4, 0).repeat_interleave(4, 1)
+    values = torch.randn(24, 24, 24, generator=noise) * strength.repeat_interleave(4, 2)
+    grid = SdfGrid(values, torch.full((3,), -1.0), 2 / 23, beyond)
+    ends = tuple(spread(60, 1.3, seed=s) for s in range(4))
+    ends = (ends[0], ends[0] + 0.5 * ends[1], ends[0] + 0.3 * ends[2], ends[0] + 0.3 * ends[3])
+    found = swept_clearance(grid, *ends, radius=0.0, tolerance=0.01)
+    assert (found <= sampled(grid, ends) + 0.01).all()
+    value, slope = grid.value_and_gradient(torch.cat(ends))
+    assert (slope.norm(dim=-1) <= grid.lipschitz).all() and torch.isfinite(value).all()
+
+
+def test_the_least_of_several_fields_is_found_in_any() -> None:
+    scene = Scene([], [BALL, Box((0.0, -0.6, 0.5), (0.4, 0.4, 0.4))], floor=-0.8)
+    ends = tuple(spread(40, seed=s) for s in range(4))
+    dense = sampled(scene, ends)
+    found = swept_clearance(scene, *ends, radius=0.0, tolerance=0.01)
+    assert (found <= dense + 0.01).all() and (found >= dense - 0.03).all()
 
 
 def test_clearances_of_analytic_shapes() -> None:
