@@ -135,6 +135,24 @@ def test_the_least_of_a_rough_grid_is_never_missed(beyond: float) -> None:
     assert (slope.norm(dim=-1) <= grid.lipschitz).all() and torch.isfinite(value).all()
 
 
+def test_one_low_node_in_a_flat_grid_is_found_from_any_distance() -> None:
+    values = torch.ones(40, 40, 40)
+    values[20, 20, 20] = -1.0
+    grid = SdfGrid(values, torch.full((3,), -2.0), 0.1)
+    for reach in (0.15, 0.3, 0.45, 0.7, 1.0, 1.7):
+        for middle in torch.linspace(-0.9, 0.9, 19).double() * reach:
+            a = torch.tensor([float(middle) - reach, 0.0, 0.0], dtype=torch.float64)
+            b = torch.tensor([float(middle) + reach, 0.0, 0.0], dtype=torch.float64)
+            assert float(capsule_clearance(grid, a, b, 0.0, tolerance=0.01)) == pytest.approx(-1, abs=0.011)
+
+
+def test_a_plane_is_met_by_the_end_that_is_lowest() -> None:
+    ends = torch.ones(4, 4, 3, dtype=torch.float64)  # of capsule i, end i is low
+    ends[range(4), range(4), 1] = 0.2
+    room = swept_clearance(Plane((0.0, 0.0, 0.0)), *ends.unbind(1), radius=0.1)
+    torch.testing.assert_close(room, torch.full((4,), 0.1, dtype=torch.float64))
+
+
 def test_the_least_of_several_fields_is_found_in_any() -> None:
     scene = Scene([], [BALL, Box((0.0, -0.6, 0.5), (0.4, 0.4, 0.4))], floor=-0.8)
     ends = tuple(spread(40, seed=s) for s in range(4))
