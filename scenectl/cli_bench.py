@@ -149,6 +149,27 @@ def edit(
     _run_and_show(lambda tell: bench_edit(mesh, resolution, rounds, seed, tell), json_file)
 
 
+@bench.command("query")
+def query_bench(
+    scene: Annotated[str, typer.Option(help="The bundled scene whose grid is asked.")] = "living_room",
+    resolution: Annotated[int, typer.Option(help="Nodes along every side.")] = 256,
+    repeats: Annotated[int, typer.Option(min=1, help="Calls of each method; the median counts.")] = 15,
+    seed: Seed = 0,
+    json_file: Json = None,
+    plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the rows to this PNG, PDF or SVG.")] = None,
+) -> None:
+    """Value and gradient at many points, one thread, beside torch's grid_sample and others."""
+    from scenectl.bench.query import bench_query, plot
+
+    def work(tell: Any) -> Any:
+        result = bench_query(scene, resolution, repeats, seed, progress=tell)
+        if plot_file is not None:
+            plot(result, plot_file)
+        return result
+
+    _run_and_show(work, json_file)
+
+
 @bench.command()
 def posterior(
     generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 6,

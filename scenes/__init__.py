@@ -3,6 +3,7 @@
 from scenes.assembly import Assembly
 from scenes.bake import Bake, bake, default_cache
 from scenes.body import DEFAULT_BODY, ProxyBody
+from scenes.contact import Closest, capsule_clearance, closest_point, march, swept_clearance
 from scenes.errors import UserError
 from scenes.field import DistanceField
 from scenes.floor import Floor, FreeArea, free_area, path_length
@@ -34,6 +35,7 @@ __all__ = [
     "Bake",
     "Box",
     "Capsule",
+    "Closest",
     "Cylinder",
     "DistanceField",
     "Floor",
@@ -56,12 +58,16 @@ __all__ = [
     "bake",
     "bundled",
     "bundled_names",
+    "capsule_clearance",
+    "closest_point",
     "csg",
     "default_cache",
     "free_area",
     "load_mesh",
     "load_parts",
     "load_scene",
+    "march",
     "path_length",
     "primitive",
+    "swept_clearance",
 ]
