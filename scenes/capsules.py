@@ -1,0 +1,303 @@
+"""The smallest capsule around points, and how tightly it fits.
+
+A capsule is convex, so it holds a part when it holds the vertices of the part's convex hull. The smallest one is found
+by minimising its volume under one constraint a vertex, from the best of many directions: the problem is not convex,
+and a blocky part has several local minima.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from scenes.errors import UserError
+from scenes.surface import clean
+
+SAMPLES = 4000
+"""Points on a surface that stand for it where a share of it may stick out."""
+
+_DIRECTIONS = 96
+_STARTS = 4
+
+
+@dataclass(frozen=True)
+class FittedCapsule:
+    """A capsule around something, and how tightly it fits.
+
+    Attributes:
+        a, b: ends of the segment, metres, in the frame of what was fitted; equal for a ball.
+        radius: metres.
+        volume_ratio: its volume over that of what is inside; infinite for what is flat.
+        uncovered: the farthest (m) that the surface sticks out, 0 where nothing does.
+        reference: what the ratio divides by: the volume enclosed by the "mesh" where it is closed, else of its "hull".
+    """
+
+    a: tuple[float, float, float]
+    b: tuple[float, float, float]
+    radius: float
+    volume_ratio: float
+    uncovered: float
+    reference: Literal["mesh", "hull"]
+
+    @property
+    def length(self) -> float:
+        """Of the segment between the centres of the caps, metres."""
+        return math.dist(self.a, self.b)
+
+    @property
+    def volume(self) -> float:
+        """Cubic metres."""
+        return _volume(self.length, self.radius)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """How far ``[n, 3]`` points (m) lie outside, negative inside, ``[n]`` metres."""
+        return _away(points, np.array(self.a), np.array(self.b))[0] - self.radius
+
+
+def fit_capsule(
+    points: np.ndarray,
+    coverage: float | int = 1.0,
+    *,
+    faces: np.ndarray | None = None,
+    axis: np.ndarray | None = None,
+) -> FittedCapsule:
+    """The smallest capsule that holds points, or a share of them.
+
+    Args:
+        points: ``[n, 3]`` metres in any frame: samples of a part or its vertices.
+        coverage: share of the points that the capsule must hold, over 0.5; with `faces`, share of the surface. Which
+            ones stick out is a local optimum: the farthest are left out, little by little.
+        faces: triangles between the points, ``[F, 3]``. They make `coverage` a share of area and, where they are
+            closed, `volume_ratio` that of the mesh.
+        axis: both ends of a segment to start from as well, ``[2, 3]``, such as a bone.
+
+    Points on one line get a capsule without thickness, a single point one without length either.
+
+    Raises:
+        UserError: points that are not ``[n, 3]`` or not finite; a coverage outside (0.5, 1].
+    """
+    points = _checked(points, coverage)
+    centre, scale = points.mean(axis=0), float(np.ptp(points, axis=0).max())
+    if (line := _on_one_line(points)) is not None:
+        return _judged(points, faces, *line)
+    start = None if axis is None else (np.asarray(axis, dtype=np.float64) - centre) / scale
+    unit = (points - centre) / scale
+    if coverage < 1:
+        unit = unit if faces is None else sample_surface(unit, faces, SAMPLES)
+        a, b, radius = _trimmed(unit, coverage, start)
+    else:
+        a, b, _ = _smallest(_hull(unit)[0], start)
+        radius = float(_away(unit, a, b)[0].max())
+    a, b, radius = a * scale + centre, b * scale + centre, radius * scale
+    return _judged(points, faces, a, b, radius)
+
+
+# ---- the smallest capsule ---------------------------------------------------------------------------------------
+
+
+def _volume(length: float, radius: float) -> float:
+    return math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+
+
+def _away(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance of points to a segment ``[n]``, the share along it ``[n]``, and the unit vectors away from it."""
+    axis = b - a
+    share = ((points - a) @ axis / max(float(axis @ axis), 1e-300)).clip(0.0, 1.0)
+    offset = points - a - share[:, None] * axis
+    distance = np.sqrt(np.einsum("nd,nd->n", offset, offset))
+    return distance, share, offset / np.maximum(distance, 1e-300)[:, None]
+
+
+def _hull(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Vertices of the convex hull and its volume; of what is flat, all points and 0."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return np.unique(points, axis=0), 0.0
+    return points[hull.vertices], float(hull.volume)
+
+
+def _smallest(points: np.ndarray, start: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, float]:
+    """Ends and radius of the smallest capsule of points that are about 1 across."""
+    starts = _starts(points)
+    if start is not None:
+        starts.append((start[0], start[1]))
+    ball = points.mean(axis=0)
+    found = [_minimise(points, ball, ball, ball=True), *(_minimise(points, a, b) for a, b in starts)]
+    return min(found, key=lambda c: _volume(float(np.linalg.norm(c[1] - c[0])), c[2]))
+
+
+def _starts(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Segments along the directions whose capsules come out smallest, at least 15 degrees apart."""
+    _, _, principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    k = np.arange(_DIRECTIONS) + 0.5
+    height, turn = k / _DIRECTIONS, math.pi * (1 + math.sqrt(5)) * k  # a spiral over half a sphere
+    flat = np.sqrt(1 - height**2)
+    spread = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    directions = np.concatenate([principal, spread @ principal])
+    segments = [_along(points, direction) for direction in directions]
+    volumes = np.array([_volume(float(np.linalg.norm(b - a)), _away(points, a, b)[0].max()) for a, b in segments])
+    chosen: list[int] = []
+    for i in np.argsort(volumes):
+        if len(chosen) < _STARTS and all(abs(directions[i] @ directions[j]) < 0.966 for j in chosen):
+            chosen.append(int(i))
+    return [segments[i] for i in chosen]
+
+
+def _along(points: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The segment of a tight capsule along a direction, on the middle of the points as seen along it."""
+    helper = np.eye(3)[np.abs(direction).argmin()]
+    e = np.cross(direction, helper)
+    e /= np.linalg.norm(e)
+    side = np.stack([e, np.cross(direction, e)])
+    seen, along = points @ side.T, points @ direction
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    squared = np.square(seen - middle).sum(axis=1)
+    cap = np.sqrt(squared.max() - squared)  # how far a cap's centre may stay behind each point
+    low, high = (along + cap).min(), (along - cap).max()
+    low, high = (low, high) if low < high else ((low + high) / 2,) * 2
+    return middle @ side + low * direction, middle @ side + high * direction
+
+
+def _minimise(
+    points: np.ndarray, a: np.ndarray, b: np.ndarray, ball: bool = False
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """A capsule (or ball) that no small change makes smaller, from a start.
+
+    Only the points that are farthest out take part, and more join until none sticks out.
+    """
+    from scipy.optimize import minimize
+
+    spread = np.eye(7) if not ball else np.eye(7)[:, [3, 4, 5, 6]] + np.eye(7, 4)[:, [0, 1, 2, 3]] * [1, 1, 1, 0]
+    taken = np.zeros(len(points), dtype=bool)
+    for _ in range(12):
+        distance = _away(points, a, b)[0]
+        taken[np.argsort(distance)[-32:]] = True
+        near = points[taken]
+
+        def room(x: np.ndarray, near: np.ndarray = near) -> np.ndarray:
+            y = spread @ x
+            slack: np.ndarray = y[6] - _away(near, y[:3], y[3:6])[0]
+            return slack
+
+        def room_gradient(x: np.ndarray, near: np.ndarray = near) -> np.ndarray:
+            y = spread @ x
+            _, share, out = _away(near, y[:3], y[3:6])
+            full = np.column_stack([out * (1 - share)[:, None], out * share[:, None], np.ones(len(near))])
+            return full @ spread
+
+        begin = np.concatenate([b, [distance.max()]] if ball else [a, b, [distance.max()]])
+        done = minimize(
+            lambda x: _volume_and_gradient(spread @ x)[0],
+            begin,
+            jac=lambda x: _volume_and_gradient(spread @ x)[1] @ spread,
+            constraints={"type": "ineq", "fun": room, "jac": room_gradient},
+            method="SLSQP",
+            options={"maxiter": 200, "ftol": 1e-13},
+        )
+        y = spread @ done.x
+        a, b = y[:3], y[3:6]
+        radius = float(_away(points, a, b)[0].max())
+        if radius <= y[6] + 1e-9:
+            break
+    return a, b, radius
+
+
+def _volume_and_gradient(y: np.ndarray) -> tuple[float, np.ndarray]:
+    """Volume of the capsule (a, b, radius) ``[7]`` and its gradient."""
+    axis, radius = y[3:6] - y[:3], float(y[6])
+    length = math.sqrt(float(axis @ axis) + 1e-20)
+    along = math.pi * radius**2 * axis / length
+    return _volume(length, radius), np.concatenate([-along, along, [2 * math.pi * radius * (length + 2 * radius)]])
+
+
+def _trimmed(points: np.ndarray, coverage: float, start: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, float]:
+    """The smallest capsule of a share of the points.
+
+    Fitting the points kept, then keeping those nearest to the new segment, never makes the capsule larger; the share
+    shrinks in steps, because points that stick out draw the first axis towards them.
+    """
+    a, b, radius = _smallest(_hull(points)[0], start)
+    for share in np.linspace(1.0, coverage, 5)[1:]:
+        count = math.ceil(share * len(points) - 1e-9)
+        for _ in range(6):
+            kept = points[np.argsort(_away(points, a, b)[0], kind="stable")[:count]]
+            before = radius
+            a, b, radius = _minimise(_hull(kept)[0], a, b)
+            if radius > 0.999 * before:
+                break
+    return a, b, radius
+
+
+def _checked(points: np.ndarray, coverage: float) -> np.ndarray:
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise UserError(f"points to fit have shape {list(points.shape)}; give [n, 3] with at least three points")
+    if not np.isfinite(points).all():
+        raise UserError("points to fit hold NaN or infinite coordinates; repair the mesh first")
+    if not 0.5 < coverage <= 1:
+        raise UserError(f"coverage is {coverage:g}; give a share above 0.5 and at most 1")
+    return points
+
+
+def _on_one_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """The capsule of points that lie on one line, but for rounding; None where they do not."""
+    _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if len(spread) > 1 and spread[1] > 1e-9 * max(spread[0], float(np.abs(points).max())):
+        return None
+    along = points @ axes[0]
+    a, b = points[along.argmin()], points[along.argmax()]
+    return a, b, float(_away(points, a, b)[0].max())
+
+
+def _judged(
+    points: np.ndarray, faces: np.ndarray | None, a: np.ndarray, b: np.ndarray, radius: float
+) -> FittedCapsule:
+    """A capsule with its tightness. Distance to a convex shape is convex: on a triangle it is largest at a corner."""
+    volume, reference = inner_volume(points, faces)
+    sticks_out = max(0.0, float(_away(points, a, b)[0].max()) - radius)
+    own = _volume(float(np.linalg.norm(b - a)), radius)
+    ends = [(float(p[0]), float(p[1]), float(p[2])) for p in (a, b)]
+    return FittedCapsule(ends[0], ends[1], radius, own / volume if volume > 0 else math.inf, sticks_out, reference)
+
+
+# ---- what is inside -----------------------------------------------------------------------------------------------
+
+
+def inner_volume(points: np.ndarray, faces: np.ndarray | None = None) -> tuple[float, Literal["mesh", "hull"]]:
+    """Volume inside closed triangles ("mesh"), else that of the points' convex hull ("hull", 0 where they are flat)."""
+    enclosed = None if faces is None else enclosed_volume(points, faces)
+    return (_hull(points)[1], "hull") if enclosed is None else (enclosed, "mesh")
+
+
+def enclosed_volume(vertices: np.ndarray, faces: np.ndarray) -> float | None:
+    """Volume inside a mesh, in the unit of its vertices cubed; None where it is not closed or encloses nothing."""
+    vertices, faces, _, boundary = clean(vertices, np.ascontiguousarray(faces, dtype=np.int64))
+    if boundary or len(faces) == 0:
+        return None
+    a, b, c = np.moveaxis(vertices[faces] - vertices.mean(axis=0), 1, 0)
+    volume = abs(float((a * np.cross(b, c)).sum())) / 6
+    size = float(np.ptp(vertices, axis=0).max())
+    return volume if volume > 1e-9 * size**3 else None
+
+
+def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int) -> np.ndarray:
+    """Points spread evenly over triangles, ``[count, 3]``; the same ones whenever it is called.
+
+    Triangles without any area are spread over as if all were of one size.
+    """
+    corners = vertices[faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    shares = np.cumsum(areas if areas.sum() > 0 else np.ones(len(faces)))
+    which = np.searchsorted(shares, (np.arange(count) + 0.5) / count * shares[-1]).clip(0, len(faces) - 1)
+    u, v = np.random.default_rng(0).random((2, count))
+    over = u + v > 1
+    u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
+    a, b, c = np.moveaxis(corners[which], 1, 0)
+    points: np.ndarray = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+    return points
