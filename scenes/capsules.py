@@ -30,17 +30,17 @@ class FittedCapsule:
     Attributes:
         a, b: ends of the segment, metres, in the frame of what was fitted; equal for a ball.
         radius: metres.
-        volume_ratio: its volume over that of what is inside; infinite for what is flat.
+        inside: volume (m3) of what was fitted: enclosed by the "mesh" where it is closed, else that of its "hull".
+        reference: which of the two.
         uncovered: the farthest (m) that the surface sticks out, 0 where nothing does.
-        reference: what the ratio divides by: the volume enclosed by the "mesh" where it is closed, else of its "hull".
     """
 
     a: tuple[float, float, float]
     b: tuple[float, float, float]
     radius: float
-    volume_ratio: float
-    uncovered: float
+    inside: float
     reference: Literal["mesh", "hull"]
+    uncovered: float
 
     @property
     def length(self) -> float:
@@ -52,6 +52,11 @@ class FittedCapsule:
         """Cubic metres."""
         return _volume(self.length, self.radius)
 
+    @property
+    def volume_ratio(self) -> float:
+        """Its volume over that of what was fitted; infinite for what is flat."""
+        return self.volume / self.inside if self.inside > 0 else math.inf
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """How far ``[n, 3]`` points (m) lie outside, negative inside, ``[n]`` metres."""
         return _away(points, np.array(self.a), np.array(self.b))[0] - self.radius
@@ -62,7 +67,6 @@ def fit_capsule(
     coverage: float | int = 1.0,
     *,
     faces: np.ndarray | None = None,
-    axis: np.ndarray | None = None,
 ) -> FittedCapsule:
     """The smallest capsule that holds points, or a share of them.
 
@@ -72,7 +76,6 @@ def fit_capsule(
             ones stick out is a local optimum: the farthest are left out, little by little.
         faces: triangles between the points, ``[F, 3]``. They make `coverage` a share of area and, where they are
             closed, `volume_ratio` that of the mesh.
-        axis: both ends of a segment to start from as well, ``[2, 3]``, such as a bone.
 
     Points on one line get a capsule without thickness, a single point one without length either.
 
@@ -83,16 +86,20 @@ def fit_capsule(
     centre, scale = points.mean(axis=0), float(np.ptp(points, axis=0).max())
     if (line := _on_one_line(points)) is not None:
         return _judged(points, faces, *line)
-    start = None if axis is None else (np.asarray(axis, dtype=np.float64) - centre) / scale
     unit = (points - centre) / scale
     if coverage < 1:
         unit = unit if faces is None else sample_surface(unit, faces, SAMPLES)
-        a, b, radius = _trimmed(unit, coverage, start)
+        a, b, radius = _trimmed(unit, coverage)
     else:
-        a, b, _ = _smallest(_hull(unit)[0], start)
+        a, b, _ = _smallest(_hull(unit)[0])
         radius = float(_away(unit, a, b)[0].max())
     a, b, radius = a * scale + centre, b * scale + centre, radius * scale
     return _judged(points, faces, a, b, radius)
+
+
+def away_from_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distance ``[n]`` of points ``[n, 3]`` from the segment between two others."""
+    return _away(points, a, b)[0]
 
 
 # ---- the smallest capsule ---------------------------------------------------------------------------------------
@@ -122,13 +129,10 @@ def _hull(points: np.ndarray) -> tuple[np.ndarray, float]:
     return points[hull.vertices], float(hull.volume)
 
 
-def _smallest(points: np.ndarray, start: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, float]:
+def _smallest(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Ends and radius of the smallest capsule of points that are about 1 across."""
-    starts = _starts(points)
-    if start is not None:
-        starts.append((start[0], start[1]))
     ball = points.mean(axis=0)
-    found = [_minimise(points, ball, ball, ball=True), *(_minimise(points, a, b) for a, b in starts)]
+    found = [_minimise(points, ball, ball, ball=True), *(_minimise(points, a, b) for a, b in _starts(points))]
     return min(found, key=lambda c: _volume(float(np.linalg.norm(c[1] - c[0])), c[2]))
 
 
@@ -216,13 +220,13 @@ def _volume_and_gradient(y: np.ndarray) -> tuple[float, np.ndarray]:
     return _volume(length, radius), np.concatenate([-along, along, [2 * math.pi * radius * (length + 2 * radius)]])
 
 
-def _trimmed(points: np.ndarray, coverage: float, start: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, float]:
+def _trimmed(points: np.ndarray, coverage: float) -> tuple[np.ndarray, np.ndarray, float]:
     """The smallest capsule of a share of the points.
 
     Fitting the points kept, then keeping those nearest to the new segment, never makes the capsule larger; the share
     shrinks in steps, because points that stick out draw the first axis towards them.
     """
-    a, b, radius = _smallest(_hull(points)[0], start)
+    a, b, radius = _smallest(_hull(points)[0])
     for share in np.linspace(1.0, coverage, 5)[1:]:
         count = math.ceil(share * len(points) - 1e-9)
         for _ in range(6):
@@ -255,15 +259,19 @@ def _on_one_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | N
     return a, b, float(_away(points, a, b)[0].max())
 
 
-def _judged(
-    points: np.ndarray, faces: np.ndarray | None, a: np.ndarray, b: np.ndarray, radius: float
-) -> FittedCapsule:
+def _judged(points: np.ndarray, faces: np.ndarray | None, a: np.ndarray, b: np.ndarray, radius: float) -> FittedCapsule:
     """A capsule with its tightness. Distance to a convex shape is convex: on a triangle it is largest at a corner."""
     volume, reference = inner_volume(points, faces)
     sticks_out = max(0.0, float(_away(points, a, b)[0].max()) - radius)
-    own = _volume(float(np.linalg.norm(b - a)), radius)
     ends = [(float(p[0]), float(p[1]), float(p[2])) for p in (a, b)]
-    return FittedCapsule(ends[0], ends[1], radius, own / volume if volume > 0 else math.inf, sticks_out, reference)
+    return FittedCapsule(ends[0], ends[1], radius, volume, reference, sticks_out)
+
+
+def quick_volume(points: np.ndarray) -> float:
+    """Volume of a capsule along the best direction without refining it."""
+    hull = _hull(points)[0]
+    a, b = _starts(hull)[0]
+    return _volume(float(np.linalg.norm(b - a)), float(_away(hull, a, b)[0].max()))
 
 
 # ---- what is inside -----------------------------------------------------------------------------------------------

@@ -195,8 +195,8 @@ class _File:
         own = skin["joints"]
         slots, weights = self._weights(primitive["attributes"], len(own), len(vertices))
         corners, shares = slots[faces].reshape(len(faces), -1), weights[faces].reshape(len(faces), -1)
-        # the sum of a slot's joint over the triangle, at every slot that names it
-        sums = np.einsum("fij,fj->fi", corners[:, :, None] == corners[:, None, :], shares)
+        # for every slot, the weight that its joint has on all three corners
+        sums = np.stack([(shares * (corners == slot[:, None])).sum(axis=1) for slot in corners.T], axis=1)
         owner = corners[np.arange(len(faces)), sums.argmax(axis=1)]
         bind = np.tile(np.eye(4), (len(own), 1, 1))
         if "inverseBindMatrices" in skin:
@@ -258,6 +258,8 @@ class _File:
         begin = view.get("byteOffset", 0)
         if not all(isinstance(n, int) and n >= 0 for n in (count, stride, start, length, begin)):
             raise ValueError(f"accessor {index} has sizes that are no whole numbers")
+        if stride < row:
+            raise ValueError(f"the rows of accessor {index} overlap")
         if count and (start + (count - 1) * stride + row > length or begin + length > len(data)):
             raise UserError(f"is cut off: accessor {index} reaches beyond its buffer; export it again")
         if count == 0:

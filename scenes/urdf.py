@@ -21,8 +21,8 @@ Y_UP = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0
 def read_urdf(path: str | Path) -> Rig:
     """Read a robot from a URDF file, in metres, all joints at 0.
 
-    A link's triangles are its collision shapes, or its visual ones where it has none; links without shapes have no part.
-    Links keep the frames of the file; the world is turned from z up to y up, the robot facing +z. Mesh files are
+    A link's triangles are its collision shapes, or its visual ones where it has none; links without shapes have no
+    part. Links keep the frames of the file; the world is turned from z up to y up, the robot facing +z. Mesh files are
     looked for beside the file: ``package://name/a/b.stl`` as ``name/a/b.stl`` or ``a/b.stl`` in its folder and those
     above.
 
@@ -112,7 +112,7 @@ def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndar
     kind = None if geometry is None or len(geometry) == 0 else geometry[0]
     if kind is None:
         raise UserError(f"has a {shape.tag} without geometry in {link}; remove it")
-    where = f"{kind.tag} of {link}"
+    where = link if kind.tag == "mesh" else f"{kind.tag} of {link}"
     if kind.tag == "mesh":
         vertices, faces = _mesh(kind, where, folder)
     elif kind.tag == "box":
@@ -139,21 +139,22 @@ def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.nd
 
     uri = _attribute(element, "filename", where)
     file = _found(uri, folder)
+    what = f"names the mesh '{uri}' of {where}, which"
     if file is None:
-        raise UserError(f"names the mesh '{uri}' in {where}, which is not beside it; copy it there")
+        raise UserError(f"{what} is not beside it; copy it there")
     scale = np.array(_numbers(element, "scale", where, 3, "1 1 1"))
     try:
         scene = trimesh.load_scene(file, process=False)
         meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     except Exception as error:  # each of trimesh's parsers raises its own kinds
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UserError(f"names the mesh '{uri}' in {where}, which cannot be read ({reason}); export it again") from error
+        raise UserError(f"{what} cannot be read ({reason}); export it again") from error
     if not meshes:
-        raise UserError(f"names the mesh '{uri}' in {where}, which has no triangles; export it with faces")
+        raise UserError(f"{what} has no triangles; export it with faces")
     joined = trimesh.util.concatenate(meshes)
     vertices = np.asarray(joined.vertices, dtype=np.float64) * scale
     if not np.isfinite(vertices).all():
-        raise UserError(f"names the mesh '{uri}' in {where}, which has NaN or infinite coordinates; repair it")
+        raise UserError(f"{what} has NaN or infinite coordinates; repair it")
     faces = np.asarray(joined.faces, dtype=np.int64)
     return vertices, faces if scale.prod() > 0 else faces[:, ::-1]
 
