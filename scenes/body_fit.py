@@ -81,6 +81,11 @@ def fit_body(rig: Rig, joints: Mapping[str, str], coverage: float | int = 1.0) -
     return ProxyBody(HUMANML3D, (*on_joints, *past), bones, float(feet.min()) - limbs[0].ground, source)
 
 
+def fits(joints: Mapping[str, str]) -> bool:
+    """Whether enough of the 22 joints are known for `fit_body`."""
+    return all(name in joints or name in PLACED for name in HUMANML3D.names)
+
+
 def _placed(rig: Rig, joints: Mapping[str, str]) -> np.ndarray:
     """World positions of the 22 joints at rest, ``[22, 3]``."""
     at = {_AT(joint): rig.origins[rig.index(link)] for joint, link in joints.items()}
