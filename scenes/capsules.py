@@ -279,8 +279,9 @@ def quick_volume(points: np.ndarray) -> float:
 
 def inner_volume(points: np.ndarray, faces: np.ndarray | None = None) -> tuple[float, Literal["mesh", "hull"]]:
     """Volume inside closed triangles ("mesh"), else that of the points' convex hull ("hull", 0 where they are flat)."""
-    enclosed = None if faces is None else enclosed_volume(points, faces)
-    return (_hull(points)[1], "hull") if enclosed is None else (enclosed, "mesh")
+    enclosed, hull = None if faces is None else enclosed_volume(points, faces), _hull(points)[1]
+    # shells that overlap enclose some places twice: what exceeds the hull is no volume of the part
+    return (hull, "hull") if enclosed is None or enclosed > 1.001 * hull else (enclosed, "mesh")
 
 
 def enclosed_volume(vertices: np.ndarray, faces: np.ndarray) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from scenectl.view.camera import ANGLE, Sight, choose, triangles_to_vtk
 from scenectl.view.picture import SIZE, _light, _pyvista
 from scenectl.view.shapes import CLAY
 from scenes.files import atomic_write
-from scenes.primitives import Capsule
 from scenes.proxies import Proxies
 from scenes.rig import Rig
 
@@ -24,8 +24,8 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
     pv = _pyvista(off_screen=True)
     plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
     plotter.set_background("#f4f2ee", top="#dfe5ea")
-    plotter.enable_anti_aliasing("msaa", multi_samples=8)
-    plotter.enable_depth_peeling(12)  # glass behind glass
+    plotter.enable_anti_aliasing("ssaa")  # multisampling and depth peeling exclude each other
+    plotter.enable_depth_peeling(8)  # glass behind glass
     ends = proxies.place(proxies.frames).numpy()
     radii = proxies.radii.numpy()
     reach = np.concatenate([(ends + s * radii[:, None, None]).reshape(-1, 3) for s in (-1.0, 1.0)])
@@ -36,11 +36,22 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
     plotter.add_mesh(triangles_to_vtk(rig.triangles), color=CLAY, ambient=0.36, diffuse=0.75, specular=0.03)
     colours = {part.link: _COLOURS[k % len(_COLOURS)] for k, part in enumerate(proxies.parts)}
     for (a, b), radius, link in zip(ends, radii, proxies.owners, strict=True):
-        shape = Capsule(a.tolist(), b.tolist(), max(float(radius), 1e-3 * extent)).mesh()
-        data = triangles_to_vtk(shape.triangles).clean().compute_normals(split_vertices=False)
-        plotter.add_mesh(data, color=colours[link], opacity=0.35, smooth_shading=True, ambient=0.3, specular=0.2)
+        plotter.add_mesh(
+            _capsule(pv, a, b, max(float(radius), 1e-3 * extent)), color=colours[link], opacity=0.35,
+            smooth_shading=True, ambient=0.3, specular=0.2,
+        )  # fmt: skip
     _light(plotter, camera)
     image = plotter.screenshot(return_img=True)
     plotter.close()
     with atomic_write(png) as file:
         Image.fromarray(image).save(file, format="PNG")
+
+
+def _capsule(pv: Any, a: np.ndarray, b: np.ndarray, radius: float) -> Any:
+    """A capsule whose facets lie around it, not within, so that a surface that fills it stays behind glass."""
+    length = float(np.linalg.norm(b - a))
+    shape = pv.Capsule(
+        center=((a + b) / 2).tolist(), direction=(b - a).tolist() if length > 0 else (0.0, 1.0, 0.0),
+        radius=radius / np.cos(np.pi / 60) ** 2, cylinder_length=length, theta_resolution=60, phi_resolution=60,
+    )  # fmt: skip
+    return shape
