@@ -52,6 +52,6 @@ def _capsule(pv: Any, a: np.ndarray, b: np.ndarray, radius: float) -> Any:
     length = float(np.linalg.norm(b - a))
     shape = pv.Capsule(
         center=((a + b) / 2).tolist(), direction=(b - a).tolist() if length > 0 else (0.0, 1.0, 0.0),
-        radius=radius / np.cos(np.pi / 60) ** 2, cylinder_length=length, theta_resolution=60, phi_resolution=60,
+        radius=radius / np.cos(np.pi / 60) ** 2, cylinder_length=length, resolution=60,
     )  # fmt: skip
     return shape
