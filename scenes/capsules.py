@@ -83,17 +83,19 @@ def fit_capsule(
         UserError: points that are not ``[n, 3]`` or not finite; a coverage outside (0.5, 1].
     """
     points = _checked(points, coverage)
-    centre, scale = points.mean(axis=0), float(np.ptp(points, axis=0).max())
     if (line := _on_one_line(points)) is not None:
         return _judged(points, faces, *line)
-    unit = (points - centre) / scale
+    centre = points.mean(axis=0)
+    turn = _own_axes(points - centre)
+    unit = (points - centre) @ turn
+    scale = float(np.ptp(unit, axis=0).max())
+    unit /= scale
     if coverage < 1:
-        unit = unit if faces is None else sample_surface(unit, faces, SAMPLES)
-        a, b, radius = _trimmed(unit, coverage)
+        a, b, radius = _trimmed(unit if faces is None else sample_surface(unit, faces, SAMPLES), coverage)
     else:
         a, b, _ = _smallest(_hull(unit)[0])
         radius = float(_away(unit, a, b)[0].max())
-    a, b, radius = a * scale + centre, b * scale + centre, radius * scale
+    a, b, radius = scale * turn @ a + centre, scale * turn @ b + centre, radius * scale
     return _judged(points, faces, a, b, radius)
 
 
@@ -137,13 +139,15 @@ def _smallest(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _starts(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Segments along the directions whose capsules come out smallest, at least 15 degrees apart."""
-    _, _, principal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    """Segments along the directions whose capsules come out smallest, at least 15 degrees apart.
+
+    The points are expected along their principal axes.
+    """
     k = np.arange(_DIRECTIONS) + 0.5
     height, turn = k / _DIRECTIONS, math.pi * (1 + math.sqrt(5)) * k  # a spiral over half a sphere
     flat = np.sqrt(1 - height**2)
     spread = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
-    directions = np.concatenate([principal, spread @ principal])
+    directions = np.concatenate([np.eye(3), spread])
     segments = [_along(points, direction) for direction in directions]
     volumes = np.array([_volume(float(np.linalg.norm(b - a)), _away(points, a, b)[0].max()) for a, b in segments])
     chosen: list[int] = []
@@ -221,21 +225,34 @@ def _volume_and_gradient(y: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _trimmed(points: np.ndarray, coverage: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """The smallest capsule of a share of the points.
+    """The smallest capsule of a share of the points that was found from several starts.
 
     Fitting the points kept, then keeping those nearest to the new segment, never makes the capsule larger; the share
     shrinks in steps, because points that stick out draw the first axis towards them.
     """
-    a, b, radius = _smallest(_hull(points)[0])
-    for share in np.linspace(1.0, coverage, 5)[1:]:
-        count = math.ceil(share * len(points) - 1e-9)
-        for _ in range(6):
-            kept = points[np.argsort(_away(points, a, b)[0], kind="stable")[:count]]
-            before = radius
-            a, b, radius = _minimise(_hull(kept)[0], a, b)
-            if radius > 0.999 * before:
-                break
+    found = []
+    for a, b in _starts(_hull(points)[0]):
+        volume = math.inf
+        for share in np.linspace(1.0, coverage, 5)[1:]:
+            count = math.ceil(share * len(points) - 1e-9)
+            for _ in range(6):
+                away = _away(points, a, b)[0].round(5)  # points that touch are equally far; rounding must not choose
+                kept = points[np.argsort(away, kind="stable")[:count]]
+                a, b, radius = _minimise(_hull(kept)[0], a, b)
+                before, volume = volume, _volume(float(np.linalg.norm(b - a)), radius)
+                if volume > 0.999 * before:
+                    break
+        found.append((volume, len(found), a, b, radius))
+    _, _, a, b, radius = min(found, key=lambda one: one[:2])
     return a, b, radius
+
+
+def _own_axes(points: np.ndarray) -> np.ndarray:
+    """Columns: principal axes of centred points, towards their longer tails, so that fits turn with the points."""
+    _, _, axes = np.linalg.svd(points, full_matrices=False)
+    axes *= np.where(((points @ axes.T) ** 3).sum(axis=0) < 0, -1.0, 1.0)[:, None]
+    turn: np.ndarray = axes.T
+    return turn
 
 
 def _checked(points: np.ndarray, coverage: float) -> np.ndarray:
@@ -269,7 +286,8 @@ def _judged(points: np.ndarray, faces: np.ndarray | None, a: np.ndarray, b: np.n
 
 def quick_volume(points: np.ndarray) -> float:
     """Volume of a capsule along the best direction without refining it."""
-    hull = _hull(points)[0]
+    centred = points - points.mean(axis=0)
+    hull = _hull(centred @ _own_axes(centred))[0]
     a, b = _starts(hull)[0]
     return _volume(float(np.linalg.norm(b - a)), float(_away(hull, a, b)[0].max()))
 
