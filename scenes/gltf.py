@@ -54,9 +54,9 @@ def _rig(path: Path, file: _File) -> Rig:
     names = _names([str(file.nodes[node].get("name") or f"node {node}") for node in joints])
     place = {node: joint for joint, node in enumerate(joints)}
     parents = tuple(place.get(file.above(node, place), -1) for node in joints)
+    if not np.isfinite(file.world[joints]).all():
+        raise ValueError("a joint's transform is not finite")
     frames = np.stack([rigid(file.world[node]) for node in joints])
-    if not np.isfinite(frames).all():
-        raise ValueError("a node's transform is not finite")
     pieces: dict[int, list[np.ndarray]] = {}
     for node in range(len(file.nodes)):
         for joint, triangles in file.triangles(node, place):
