@@ -2,9 +2,12 @@
 
 from scenes.bake import Bake, bake, default_cache
 from scenes.body import DEFAULT_BODY, ProxyBody
+from scenes.body_fit import fit_body
+from scenes.capsules import FittedCapsule, fit_capsule
 from scenes.errors import UserError
 from scenes.field import DistanceField
 from scenes.floor import Floor, FreeArea, free_area, path_length
+from scenes.gltf import read_rig
 from scenes.grid import SdfGrid
 from scenes.lattice import Lattice
 from scenes.mesh import Mesh, load_mesh
@@ -21,8 +24,11 @@ from scenes.primitives import (
     csg,
     primitive,
 )
+from scenes.proxies import FittedPart, Proxies, fit_proxies, load_body
+from scenes.rig import Part, Rig
 from scenes.scene import Scene, bundled, bundled_names, load_scene
 from scenes.skeleton import HUMANML3D, Skeleton
+from scenes.urdf import read_urdf
 
 __all__ = [
     "DEFAULT_BODY",
@@ -33,15 +39,20 @@ __all__ = [
     "Capsule",
     "Cylinder",
     "DistanceField",
+    "FittedCapsule",
+    "FittedPart",
     "Floor",
     "FreeArea",
     "Lattice",
     "Mesh",
     "Motion",
+    "Part",
     "Plane",
     "Pose2D",
     "Primitive",
+    "Proxies",
     "ProxyBody",
+    "Rig",
     "Scene",
     "SdfGrid",
     "Skeleton",
@@ -53,9 +64,15 @@ __all__ = [
     "bundled_names",
     "csg",
     "default_cache",
+    "fit_body",
+    "fit_capsule",
+    "fit_proxies",
     "free_area",
+    "load_body",
     "load_mesh",
     "load_scene",
     "path_length",
     "primitive",
+    "read_rig",
+    "read_urdf",
 ]

@@ -16,7 +16,7 @@ import numpy as np
 from scenes.errors import UserError
 from scenes.surface import clean
 
-SAMPLES = 4000
+SAMPLES = 2000
 """Points on a surface that stand for it where a share of it may stick out."""
 
 _DIRECTIONS = 96
@@ -146,30 +146,35 @@ def _starts(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     k = np.arange(_DIRECTIONS) + 0.5
     height, turn = k / _DIRECTIONS, math.pi * (1 + math.sqrt(5)) * k  # a spiral over half a sphere
     flat = np.sqrt(1 - height**2)
-    spread = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
-    directions = np.concatenate([np.eye(3), spread])
-    segments = [_along(points, direction) for direction in directions]
-    volumes = np.array([_volume(float(np.linalg.norm(b - a)), _away(points, a, b)[0].max()) for a, b in segments])
+    directions = np.concatenate([np.eye(3), np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)])
+    a, b, volumes = _along(points, directions)
     chosen: list[int] = []
     for i in np.argsort(volumes):
         if len(chosen) < _STARTS and all(abs(directions[i] @ directions[j]) < 0.966 for j in chosen):
             chosen.append(int(i))
-    return [segments[i] for i in chosen]
+    return [(a[i], b[i]) for i in chosen]
 
 
-def _along(points: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The segment of a tight capsule along a direction, on the middle of the points as seen along it."""
-    helper = np.eye(3)[np.abs(direction).argmin()]
-    e = np.cross(direction, helper)
-    e /= np.linalg.norm(e)
-    side = np.stack([e, np.cross(direction, e)])
-    seen, along = points @ side.T, points @ direction
-    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    squared = np.square(seen - middle).sum(axis=1)
-    cap = np.sqrt(squared.max() - squared)  # how far a cap's centre may stay behind each point
-    low, high = (along + cap).min(), (along - cap).max()
-    low, high = (low, high) if low < high else ((low + high) / 2,) * 2
-    return middle @ side + low * direction, middle @ side + high * direction
+def _along(points: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ends ``[k, 3]`` and volumes ``[k]`` of tight capsules along directions ``[k, 3]``.
+
+    Each lies on the middle of the points as seen along its direction, and its caps reach no farther than they must.
+    """
+    helper = np.eye(3)[np.abs(directions).argmin(axis=1)]
+    e = np.cross(directions, helper)
+    e /= np.linalg.norm(e, axis=1, keepdims=True)
+    side = np.stack([e, np.cross(directions, e)], axis=1)  # [k, 2, 3]
+    seen, along = np.einsum("kij,nj->kin", side, points), directions @ points.T
+    middle = (seen.min(axis=2) + seen.max(axis=2)) / 2
+    squared = np.square(seen - middle[:, :, None]).sum(axis=1)
+    cap = np.sqrt(squared.max(axis=1, keepdims=True) - squared)  # how far a cap's centre may stay behind each point
+    low, high = (along + cap).min(axis=1), (along - cap).max(axis=1)
+    low, high = np.where(low < high, low, (low + high) / 2), np.where(low < high, high, (low + high) / 2)
+    beyond = np.maximum(np.maximum(low[:, None] - along, along - high[:, None]), 0.0)
+    radius = np.sqrt((squared + beyond**2).max(axis=1))
+    centre = np.einsum("ki,kij->kj", middle, side)
+    a, b = centre + low[:, None] * directions, centre + high[:, None] * directions
+    return a, b, math.pi * radius**2 * (high - low + 4.0 / 3.0 * radius)
 
 
 def _minimise(
@@ -230,7 +235,7 @@ def _trimmed(points: np.ndarray, coverage: float) -> tuple[np.ndarray, np.ndarra
     Fitting the points kept, then keeping those nearest to the new segment, never makes the capsule larger; the share
     shrinks in steps, because points that stick out draw the first axis towards them.
     """
-    found = []
+    found: list[tuple[float, int, np.ndarray, np.ndarray, float]] = []
     for a, b in _starts(_hull(points)[0]):
         volume = math.inf
         for share in np.linspace(1.0, coverage, 5)[1:]:
@@ -238,7 +243,7 @@ def _trimmed(points: np.ndarray, coverage: float) -> tuple[np.ndarray, np.ndarra
             for _ in range(6):
                 away = _away(points, a, b)[0].round(5)  # points that touch are equally far; rounding must not choose
                 kept = points[np.argsort(away, kind="stable")[:count]]
-                a, b, radius = _minimise(_hull(kept)[0], a, b)
+                a, b, radius = _minimise(kept, a, b)
                 before, volume = volume, _volume(float(np.linalg.norm(b - a)), radius)
                 if volume > 0.999 * before:
                     break
@@ -285,11 +290,9 @@ def _judged(points: np.ndarray, faces: np.ndarray | None, a: np.ndarray, b: np.n
 
 
 def quick_volume(points: np.ndarray) -> float:
-    """Volume of a capsule along the best direction without refining it."""
+    """Volume of a capsule along the best principal axis, without refining it."""
     centred = points - points.mean(axis=0)
-    hull = _hull(centred @ _own_axes(centred))[0]
-    a, b = _starts(hull)[0]
-    return _volume(float(np.linalg.norm(b - a)), float(_away(hull, a, b)[0].max()))
+    return float(_along(centred, _own_axes(centred).T)[2].min())
 
 
 # ---- what is inside -----------------------------------------------------------------------------------------------

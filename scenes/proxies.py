@@ -137,7 +137,7 @@ class Proxies:
         """
         points, radii, owner = self._samples
         placed = self._carry(frames, points, [self.owners[c] for c in owner.tolist()])
-        when = None if time is None else time[..., None].expand(placed.shape[:-1])
+        when = None if time is None else time[..., None].expand(placed.shape[:-1]).contiguous()
         away = field.distance(placed, when) - radii.to(placed)
         lowest = away.new_full((*away.shape[:-1], len(self.capsules)), math.inf)
         return lowest.scatter_reduce(-1, owner.expand(away.shape), away, "amin")
@@ -297,3 +297,11 @@ def _cut(
     cut_vertices, cut_faces, _ = slice_faces_plane(vertices, faces, normal, origin)
     used, inverse = np.unique(cut_faces, return_inverse=True)
     return cut_vertices[used], inverse.reshape(-1, 3)
+
+
+def load_body(path: str | Path) -> ProxyBody:
+    """The body of our 22 joints in a file that `Proxies.save` wrote; raises UserError where it holds none."""
+    found = Proxies.load(path)
+    if found.body is None:
+        raise UserError(f"body file '{path}' holds a robot or creature without our 22 joints, so no motion moves it")
+    return found.body

