@@ -51,13 +51,13 @@ def test_a_bent_pose_carries_each_part_with_its_joint_and_leaves_it_as_it_is_bou
 def test_a_triangle_belongs_to_the_joint_with_the_most_weight_on_it(tmp_path: Path) -> None:
     file = arm()
     rows = np.zeros((3, 4))
-    rows[:, 0], rows[:, 1] = [0.9, 0.4, 0.3], [0.1, 0.6, 0.7]  # 1.6 against 1.4
+    rows[:, 0], rows[:, 1] = [0.9, 0.3, 0.2], [0.1, 0.7, 0.8]  # 1.4 against 1.6, though 0.9 is the largest
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     file.facts["nodes"][-1]["mesh"] = file.mesh(vertices, np.array([[0, 1, 2]]), np.tile([0, 1, 0, 0], (3, 1)), rows)
-    assert [part.link for part in read_rig(file.save(tmp_path / "a.glb")).parts] == ["upper"]
-    rows[0, :2] = [0.6, 0.4]  # 1.3 against 1.7
+    assert [part.link for part in read_rig(file.save(tmp_path / "a.glb")).parts] == ["lower"]
+    rows[:, :2] = [[0.2, 0.8], [0.8, 0.2], [0.7, 0.3]]  # 1.7 against 1.3
     file.facts["nodes"][-1]["mesh"] = file.mesh(vertices, np.array([[0, 1, 2]]), np.tile([0, 1, 0, 0], (3, 1)), rows)
-    assert [part.link for part in read_rig(file.save(tmp_path / "b.glb")).parts] == ["lower"]
+    assert [part.link for part in read_rig(file.save(tmp_path / "b.glb")).parts] == ["upper"]
 
 
 def test_strips_fans_bytes_and_meshes_that_hang_on_joints(tmp_path: Path) -> None:
