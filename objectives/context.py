@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float
 from torch import Tensor
 
+from scenes.body import Segments
 from scenes.motion import Motion
 
 
@@ -41,6 +42,10 @@ class BodyLike(Protocol):
 
     def points(self, motion: Motion) -> tuple[Float[Tensor, "*b T M 3"], Float[Tensor, " M"]]:
         """Sample points (world, m) and their radii (m)."""
+        ...
+
+    def segments(self, motion: Motion) -> Segments:
+        """The same body as whole capsules."""
         ...
 
 

@@ -23,6 +23,9 @@ from scenes.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from scenectl.runner import Result
+    from scenes.body import ProxyBody
+    from scenes.proxies import Proxies
+    from scenes.rig import Rig
     from scenes.scene import Scene
 
 app = typer.Typer(
@@ -132,16 +135,40 @@ def goals(
 
 
 @app.command()
-def body() -> None:
-    """Print the radii of the body that touches things, and their source."""
-    from scenes.body import DEFAULT_BODY
+def body(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE", help="A character (GLB, glTF), a robot (URDF) or a fitted body.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the fitted capsules to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the character and its capsules.")] = None,
+    coverage: Annotated[float, typer.Option(help="Share of each link's surface inside its capsules, 0.5 to 1.")] = 1.0,
+    max_capsules: Annotated[int, typer.Option(min=1, help="Capsules for each link, at most.")] = 1,
+) -> None:
+    """Fit capsules to a character or a robot; without FILE, print the radii of our body and their source."""
+    if file is None:
+        from scenes.body import DEFAULT_BODY
 
-    table = Table("part", "radius (m)", "from", box=None, pad_edge=False)
-    for row in DEFAULT_BODY.table():
-        table.add_row(str(row["part"]), f"{row['radius_m']:.3f}", str(row["origin"]))
-    out.print(table)
-    out.print(f"\nSource: {DEFAULT_BODY.source}")
-    out.print(f"The sole lies {DEFAULT_BODY.sole_offset:.3f} m below the lowest foot joint of a person at rest.")
+        _show_body(DEFAULT_BODY)
+        return
+    from scenes.proxies import Proxies, fit_proxies
+
+    if file.suffix.lower() == ".json":
+        if png is not None:
+            raise UserError(f"'{file}' holds capsules without a mesh; --png draws the GLB or URDF file")
+        proxies = Proxies.load(file)
+    else:
+        rig, joints = _rig(file)
+        with err.status("fitting"):
+            proxies = fit_proxies(rig, coverage, max_capsules, joints)
+    _show_proxies(proxies)
+    if json_file is not None:
+        proxies.save(json_file)
+        out.print(f"wrote {json_file}")
+    if png is not None:
+        from scenectl.view.rig import draw_proxies
+
+        draw_proxies(rig, proxies, png)
+        out.print(f"wrote {png}")
 
 
 @app.command()
@@ -303,6 +330,59 @@ def _free_space(text: str) -> Any:
     except ValueError as error:
         raise UserError(f"--free-space is '{text}'; give auto, outside, or x,y,z in metres") from error
     return x, y, z
+
+
+def _rig(file: Path) -> tuple[Rig, dict[str, str] | None]:
+    """A character or robot from its file, and which of its links are our 22 joints, where it has them."""
+    from scenectl.data.joint_names import match_joints
+    from scenes.body_fit import fits
+    from scenes.gltf import read_rig
+    from scenes.urdf import read_urdf
+
+    readers = {".glb": read_rig, ".gltf": read_rig, ".urdf": read_urdf, ".xml": read_urdf}
+    if file.suffix.lower() not in readers:
+        raise UserError(f"'{file}' is neither a character (.glb, .gltf), a robot (.urdf) nor a fitted body (.json)")
+    rig = readers[file.suffix.lower()](file)
+    try:
+        joints = {joint: rig.links[index] for joint, index in match_joints(rig.links).items()}
+    except UserError:  # a robot, or a creature
+        return rig, None
+    return rig, joints if fits(joints) else None
+
+
+def _show_body(body: ProxyBody) -> None:
+    """The radii of a body for the 22 joints, and where they come from."""
+    table = Table("part", "radius (m)", "from", box=None, pad_edge=False)
+    for row in body.table():
+        table.add_row(literal(str(row["part"])), f"{row['radius_m']:.3f}", literal(str(row["origin"])))
+    out.print(table)
+    out.print(f"\nSource: {literal(body.source)}")
+    out.print(f"The sole lies {body.sole_offset:.3f} m below the lowest foot joint of a person at rest.")
+
+
+def _show_proxies(proxies: Proxies) -> None:
+    """Every link's capsules and how tightly they fit, and all together."""
+    table = Table(
+        "link", "capsules", "radius (m)", "length (m)", "volume ratio", "of", "uncovered (mm)", box=None, pad_edge=False
+    )
+    for part in proxies.parts:
+        table.add_row(
+            literal(part.link),
+            str(len(part.capsules)),
+            " ".join(f"{capsule.radius:.3f}" for capsule in part.capsules),
+            " ".join(f"{capsule.length:.3f}" for capsule in part.capsules),
+            f"{part.volume_ratio:.2f}" if math.isfinite(part.volume_ratio) else "flat",
+            part.reference,
+            f"{1000 * part.uncovered:.1f}",
+        )
+    out.print(table)
+    ratio = f"{proxies.volume_ratio:.2f} times their volume" if math.isfinite(proxies.volume_ratio) else "all flat"
+    out.print(
+        f"{literal(proxies.name)}: {len(proxies.capsules)} capsules on {len(proxies.parts)} of {len(proxies.links)} "
+        f"links, {ratio}, nothing more than {1000 * proxies.uncovered:.1f} mm outside"
+    )
+    if proxies.body is not None:
+        out.print(f"as a body of our 22 joints: {literal(proxies.body.source)}")
 
 
 def _drawn(result: Result, png: Path) -> bool:

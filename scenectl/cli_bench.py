@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from scenectl.console import bars, literal, out
+from scenectl.console import bars, err, literal, out
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 
@@ -104,14 +104,83 @@ def tokenizer(data: Data = DATA, weights: Weights = "default", json_file: Json =
 
 @bench.command("bake")
 def bake_bench(
-    mesh: Meshes = None,
+    mesh: Annotated[list[str] | None, typer.Option(help="A known mesh or a file; repeatable. Default: all.")] = None,
+    tool: Annotated[list[str] | None, typer.Option(help="A tool; repeatable. Default: all installed.")] = None,
+    resolution: Annotated[int, typer.Option(help="Nodes along each axis.")] = 256,
+    runs: Annotated[int, typer.Option(min=1, help="Of each tool on each mesh, in turn; medians count.")] = 3,
+    timeout: Annotated[float, typer.Option(min=0.01, help="Seconds after which a bake is given up.")] = 900.0,
+    json_file: Json = None,
+    plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw CPU-seconds to this PNG file.")] = None,
+) -> None:
+    """Bakes beside those of other tools (extra 'peers'): CPU-seconds, memory, errors, contradictions."""
+    from scenectl.bench.bake import bench_bake, plot
+
+    result = bench_bake(
+        mesh or (), tool or (), resolution, runs, timeout,
+        progress=lambda what, done: err.print(literal(f"{done:4.0%} {what}")),
+        keep=None if json_file is None else lambda found: _write(found, json_file),
+    )  # fmt: skip
+    _show(
+        result,
+        json_file,
+        (
+            "mesh", "tool", "cpu_s", "wall_s", "peak_mb", "near_error_voxels", "impossible_flips", "far_error_voxels",
+            "sign_errors", "base_mb", "triangles", "runs", "note",
+        ),
+    )  # fmt: skip
+    if plot_file is not None:
+        plot(result, plot_file)
+        out.print(f"wrote {plot_file}")
+
+
+@bench.command()
+def edit(
+    mesh: Annotated[
+        Path | None, typer.Option(help="A file of named objects. Default: the bundled living room.")
+    ] = None,
     resolution: Annotated[int, typer.Option(help="Nodes along the longest side.")] = 256,
+    rounds: Annotated[int, typer.Option(min=1, help="Moves, removals and additions, as many of each.")] = 5,
+    seed: Seed = 0,
     json_file: Json = None,
 ) -> None:
-    """Baked grids against exact distances: error near surfaces, signs, seconds."""
-    from scenectl.bench.bake import bench_bake
+    """Objects of a scene moved, removed and added, against baking it anew: seconds, every bit equal."""
+    from scenectl.bench.edit import bench_edit
 
-    _run_and_show(lambda tell: bench_bake(mesh or (), resolution, tell), json_file)
+    _run_and_show(lambda tell: bench_edit(mesh, resolution, rounds, seed, tell), json_file)
+
+
+@bench.command("query")
+def query_bench(
+    scene: Annotated[str, typer.Option(help="The bundled scene whose grid is asked.")] = "living_room",
+    resolution: Annotated[int, typer.Option(help="Nodes along every side.")] = 256,
+    repeats: Annotated[int, typer.Option(min=1, help="Calls of each method; the median counts.")] = 15,
+    seed: Seed = 0,
+    json_file: Json = None,
+    plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the rows to this PNG, PDF or SVG.")] = None,
+) -> None:
+    """Value and gradient at many points, one thread, beside torch's grid_sample and others."""
+    from scenectl.bench.query import bench_query, plot
+
+    def work(tell: Any) -> Any:
+        result = bench_query(scene, resolution, repeats, seed, progress=tell)
+        if plot_file is not None:
+            plot(result, plot_file)
+        return result
+
+    _run_and_show(work, json_file)
+
+
+@bench.command()
+def building(
+    spacing: Annotated[float, typer.Option(help="Metres between the finest nodes.")] = 0.02,
+    width: Annotated[float, typer.Option(min=10.0, help="Of the building, metres.")] = 50.0,
+    seed: Seed = 0,
+    json_file: Json = None,
+) -> None:
+    """A furnished building of five storeys as a sparse grid: memory, time, errors against the oracle, queries."""
+    from scenectl.bench.building import bench_building
+
+    _run_and_show(lambda tell: bench_building(spacing, width, seed, tell), json_file)
 
 
 @bench.command()
@@ -160,6 +229,11 @@ def _run_and_show(work: Any, json_file: Path | None, columns: Sequence[str] = ()
     """Run a bench, print its rows and its summary, and keep both."""
     with bars() as tell:
         result = work(tell)
+    _show(result, json_file, columns)
+
+
+def _show(result: Mapping[str, Any], json_file: Path | None, columns: Sequence[str] = ()) -> None:
+    """Print rows and summary, and keep both."""
     rows = result["rows"]
     if rows:
         shown = [key for key in (columns or rows[0]) if _scalar(rows[0].get(key))]
@@ -183,9 +257,13 @@ def _print_summary(summary: Mapping[str, Any], indent: str) -> None:
 
 def _keep(result: Mapping[str, Any], json_file: Path | None) -> None:
     if json_file is not None:
-        with atomic_write(json_file, "w") as file:
-            json.dump(result, file, indent=1)
+        _write(result, json_file)
         out.print(f"wrote {json_file}")
+
+
+def _write(result: Mapping[str, Any], json_file: Path) -> None:
+    with atomic_write(json_file, "w") as file:
+        json.dump(result, file, indent=1)
 
 
 def _scalar(value: Any) -> bool:

@@ -155,7 +155,7 @@ def score(motion: Motion, task: Task, progress: Progress | None = None) -> Resul
     batch = motion if motion.joints.ndim == 4 else replace(motion, joints=motion.joints[None], valid=motion.valid[None])
     if task.seconds is None:  # it followed from the path; now it is known
         task = task.model_copy(update={"seconds": batch.seconds})
-    problem = task.build(start=start_of(batch[0]))
+    problem = task.build(start=start_of(batch[0], task.load_body()))
     problem.objective.check(problem.context, batch.seconds, batch.fps, batch.t0)
     made, rows = _ranked(Generation(batch), problem, Scorer(problem.scene, problem.body), tell)
     return Result(problem, made, rows, {**_report(problem, rows), "seed": task.seed, "generator": None, "timing": {}})

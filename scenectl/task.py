@@ -29,6 +29,7 @@ from scenes.mesh import Mesh, load_mesh
 from scenes.motion import Motion, Pose2D
 from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import PRIMITIVES, Primitive, primitive
+from scenes.proxies import load_body
 from scenes.scene import BUNDLED, Scene, bundled, bundled_names, load_scene
 
 FASTEST_WALK = 1.6
@@ -235,6 +236,7 @@ class Task(_Table):
         start: "sample" (a free place, chosen by the seed) or a table (`Start`); by default sampled in a scene with
             obstacles and the origin without.
         walk: where to walk (`Walk`), planned around the obstacles.
+        body: file that `scenectl body CHARACTER --json` wrote, for a character with our 22 joints; by default an adult.
         goals: [[goal]] tables or `Term` objects.
         generator, solver, guidance: settings.
         samples: motions to make; the best by the objective comes first.
@@ -247,6 +249,7 @@ class Task(_Table):
     scene: SceneSpec | Scene = SceneSpec()
     start: Literal["sample"] | Start | None = None
     walk: Walk | None = None
+    body: Path | None = None
     goals: Annotated[tuple[Any, ...], Field(alias="goal")] = ()
     generator: GeneratorSpec = GeneratorSpec()
     solver: SolverSettings = SolverSettings()
@@ -281,6 +284,8 @@ class Task(_Table):
         weights = data.get("generator", {}).get("weights") if isinstance(data.get("generator"), Mapping) else None
         if isinstance(weights, str) and weights != "default":
             data["generator"] = {**data["generator"], "weights": str(folder / weights)}
+        if isinstance(data.get("body"), str | Path):
+            data["body"] = folder / data["body"]
         if isinstance(data.get("start"), list | tuple):
             data["start"] = {"position": data["start"]}
         return data
@@ -294,6 +299,10 @@ class Task(_Table):
         """The scene, read but not yet baked."""
         return self.scene if isinstance(self.scene, Scene) else self.scene.build()
 
+    def load_body(self) -> ProxyBody:
+        """The body that touches things: of the file, or an adult's."""
+        return DEFAULT_BODY if self.body is None else load_body(self.body)
+
     def build(self, seed: int | None = None, start: Pose2D | None = None, scene: Scene | None = None) -> Problem:
         """Everything a generator needs, checked; raises UserError for what cannot be right.
 
@@ -303,7 +312,7 @@ class Task(_Table):
             scene: instead of reading it again.
         """
         scene = self.load_scene() if scene is None else scene
-        body = DEFAULT_BODY
+        body = self.load_body()
         context = Context(scene, body)
         rng = np.random.default_rng(self.seed if seed is None else seed)
         area = None if self.walk is None else free_area(scene, self.walk.radius, self.walk.height)

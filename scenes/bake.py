@@ -21,7 +21,7 @@ import torch
 from scenes.blocks import SdfBlocks
 from scenes.distances import Soup, unsigned
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, clear_stale
 from scenes.free_space import FreeSpace, check_free_space, decide
 from scenes.grid import SdfGrid
 from scenes.lattice import Lattice
@@ -195,6 +195,7 @@ def _store(path: Path, key: str, result: Bake[Grid]) -> None:
     try:
         with atomic_write(path) as file:
             np.savez(file, allow_pickle=False, **facts, **result.grid.arrays())
+        clear_stale(path.parent)
     except (OSError, UserError) as error:  # a full or read-only disk costs time, not the result
         warnings.warn(f"the bake could not be cached: {error}", stacklevel=3)
 

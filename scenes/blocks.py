@@ -8,6 +8,7 @@ adaptively sampled distance field (Frisken et al., 2000) with a depth that one l
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,7 +20,7 @@ from torch import Tensor
 from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.grid import Interpolant, flat, in_parts
-from scenes.kernels.blocks import CELL, LEVELS, queried
+from scenes.kernels.blocks import CELL, LEVELS, STEPS, queried
 
 Blocks: TypeAlias = tuple[np.ndarray, ...]
 """Blocks of 3^3, 5^3 and 9^3 nodes, ``[n, 3, 3, 3]``, ``[n, 5, 5, 5]``, ``[n, 9, 9, 9]`` int16."""
@@ -90,6 +91,19 @@ class SdfBlocks:
         out = (value.numpy(), gradient.numpy())
         in_parts(len(local), lambda begin, end: queried(local.numpy(), begin, end, *facts, *out))
         return value.to(points), gradient.to(points)
+
+    @cached_property
+    def lipschitz(self) -> float:
+        """The most by which `distance` changes over a metre, m/m; as `SdfGrid.lipschitz`."""
+        steepest = np.ones(3)
+        for axis in range(3):
+            slopes = [float(np.abs(np.diff(self.coarse, axis=axis)).max()) / (CELL * self.spacing)]
+            for level, blocks in enumerate(self.blocks):
+                for first in range(0, len(blocks), 1 << 14):
+                    rise = np.abs(np.diff(blocks[first : first + (1 << 14)].astype(np.int32), axis=axis + 1)).max()
+                    slopes.append(float(rise) / STEPS * (2 << level) / CELL)
+            steepest[axis] = max(1.0, *slopes)
+        return float(np.linalg.norm(steepest))
 
     def save(self, path: str | Path) -> None:
         """Write everything to an .npz file, whole or not at all."""

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -72,6 +73,18 @@ class BodySphere:
     beyond: float = 0.0
 
 
+class Segments(NamedTuple):
+    """The body as C capsules: ends `a` and `b` (world, m), which coincide for a sphere, `radius` (m), and `owners`.
+
+    An owner is the joint to name when the capsule hits something, and to exempt: of a bone, the one further out.
+    """
+
+    a: Float[Tensor, "*b C 3"]
+    b: Float[Tensor, "*b C 3"]
+    radius: Float[Tensor, " C"]
+    owners: list[str]
+
+
 @dataclass(frozen=True)
 class _Samples:
     weights: np.ndarray  # [M, J]
@@ -110,13 +123,23 @@ class ProxyBody:
 
     def points(self, motion: Motion) -> tuple[Float[Tensor, "*b T M 3"], Float[Tensor, " M"]]:
         """World positions of all samples (m) and their radii (m); raises UserError for another skeleton."""
+        self._check(motion)
+        return self.points_of(motion.joints), self.radii(motion.joints)
+
+    def segments(self, motion: Motion) -> Segments:
+        """All spheres, and capsules from their first sample to their last; raises UserError for another skeleton."""
+        self._check(motion)
+        weights, radii, owners = self._ends
+        a, b = (torch.einsum("cj,...jd->...cd", end, motion.joints) for end in weights.to(motion.joints))
+        return Segments(a, b, radii.to(motion.joints), [self.skeleton.names[j] for j in owners])
+
+    def _check(self, motion: Motion) -> None:
         if motion.skeleton.names != self.skeleton.names:
             raise UserError(
                 f"the motion has joints {', '.join(motion.skeleton.names[:3])}, … ({len(motion.skeleton.names)}), but "
                 f"this body is made for {', '.join(self.skeleton.names[:3])}, … ({len(self.skeleton.names)}); "
                 "retarget the motion or build a ProxyBody for its skeleton"
             )
-        return self.points_of(motion.joints), self.radii(motion.joints)
 
     def points_of(self, joints: Float[Tensor, "*b J 3"]) -> Float[Tensor, "*b M 3"]:
         """World positions of all samples (m) for joint positions (m), linear in them."""
@@ -167,14 +190,35 @@ class ProxyBody:
         return torch.from_numpy(self._samples.weights)
 
     @cached_property
+    def _ends(self) -> tuple[Tensor, Tensor, list[int]]:
+        """Joints to both ends of all parts, ``[2, C, J]``, their radii ``[C]`` and owners."""
+        parts = [(_blend(s), _blend(s), s.radius, s.joint) for s in self.spheres]
+        for c in self.capsules:
+            steps = self._steps(c)
+            if steps > 1:  # else the spheres of its joints cover it
+                near, far = {c.a: 1 - 1 / steps, c.b: 1 / steps}, {c.a: 1 / steps, c.b: 1 - 1 / steps}
+                parts.append((near, far, c.radius, c.b))
+        weights = torch.zeros(2, len(parts), len(self.skeleton.names), dtype=torch.float64)
+        for part, (near, far, _, _) in enumerate(parts):
+            for end, blend in enumerate((near, far)):
+                for joint, weight in blend.items():
+                    weights[end, part, joint] = weight
+        radii = torch.tensor([part[2] for part in parts], dtype=torch.float64)
+        return weights, radii, [part[3] for part in parts]
+
+    def _steps(self, capsule: BodyCapsule) -> int:
+        """Equal steps from joint to joint; samples are between them, since the joints carry spheres of their own."""
+        length = float(self.skeleton.bone_lengths[capsule.b])
+        return max(1, math.ceil(STRETCH * length / capsule.radius - 1e-9))
+
+    @cached_property
     def _samples(self) -> _Samples:
-        names, lengths = self.skeleton.names, self.skeleton.bone_lengths
+        names = self.skeleton.names
         rows: list[tuple[dict[int, float], float, int, str]] = []
         for s in self.spheres:
-            blend = {s.joint: 1.0} if s.base < 0 else {s.joint: 1.0 + s.beyond, s.base: -s.beyond}
-            rows.append((blend, s.radius, s.joint, s.name))
+            rows.append((_blend(s), s.radius, s.joint, s.name))
         for c in self.capsules:
-            steps = max(1, math.ceil(STRETCH * float(lengths[c.b]) / c.radius - 1e-9))
+            steps = self._steps(c)
             for k in range(1, steps):
                 t = k / steps
                 rows.append(({c.a: 1 - t, c.b: t}, c.radius, c.b if t >= 0.5 else c.a, f"{names[c.a]}-{names[c.b]}"))
@@ -185,6 +229,13 @@ class ProxyBody:
         return _Samples(
             weights, np.array([row[1] for row in rows]), tuple(row[2] for row in rows), tuple(row[3] for row in rows)
         )
+
+
+def _blend(sphere: BodySphere) -> dict[int, float]:
+    """Weights of the joints that carry a sphere's centre."""
+    if sphere.base < 0:
+        return {sphere.joint: 1.0}
+    return {sphere.joint: 1.0 + sphere.beyond, sphere.base: -sphere.beyond}
 
 
 # The ankle of HumanML3D's people stands 47 mm above their foot joint (reference clip), the lateral malleolus of

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from scenes.kernels import parts
-from scenes.kernels.feature import measured, nearest_triangles, numbered, records, roots, seeds_in_plane
+from scenes.kernels.feature import SEED, measured, nearest_triangles, numbered, records, roots, seeds_in_plane
 from scenes.kernels.splat import binned, splat
 from scenes.lattice import Lattice
 from scenes.surface import Surface
@@ -73,18 +73,8 @@ class Soup:
 def unsigned(soup: Soup, threads: int | None = None) -> np.ndarray:
     """Distance (voxels) from every node to the nearest triangle, ``[X, Y, Z]`` float32."""
     shape = soup.lattice.shape
-    squared = np.empty(shape, dtype=np.float32)
-    nearest = np.empty(shape, dtype=np.int32)
-
-    def band(slab: int) -> None:
-        begin, end = soup.planes(slab)
-        squared[begin:end] = np.inf
-        splat(soup.vertices, soup.faces, soup.members(slab), BAND, begin, end, squared, nearest)
-
-    parts(band, soup.slabs, threads)
-    place, triangle, used = numbered(squared, nearest, len(soup.faces))
-    record = np.empty((len(used), 16), dtype=np.float32)
-    records(soup.vertices, soup.faces, used, record)
+    squared, nearest = _band(soup, threads)
+    place, triangle, record = _seeds(soup, squared, nearest)
     parts(lambda x: seeds_in_plane(squared, x, nearest), shape[0], threads)
 
     def beyond(y: int) -> None:
@@ -95,3 +85,47 @@ def unsigned(soup: Soup, threads: int | None = None) -> np.ndarray:
     parts(beyond, shape[1], threads)
     parts(lambda slab: roots(squared, *soup.planes(slab)), soup.slabs, threads)
     return squared
+
+
+def _band(soup: Soup, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Squared distances (voxels²) within the band, infinite beyond, and the nearest triangles."""
+    squared = np.empty(soup.lattice.shape, dtype=np.float32)
+    nearest = np.empty(soup.lattice.shape, dtype=np.int32)
+
+    def slab(i: int) -> None:
+        begin, end = soup.planes(i)
+        squared[begin:end] = np.inf
+        splat(soup.vertices, soup.faces, soup.members(i), BAND, begin, end, squared, nearest)
+
+    parts(slab, soup.slabs, threads)
+    return squared, nearest
+
+
+def _seeds(soup: Soup, squared: np.ndarray, nearest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Number the seeds in `nearest`; returns place and triangle of each, and the triangles' records."""
+    place, triangle, used = numbered(squared, nearest, len(soup.faces))
+    record = np.empty((len(used), 16), dtype=np.float32)
+    records(soup.vertices, soup.faces, used, record)
+    return place, triangle, record
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """The nodes beside a surface, to whose triangles all others measure.
+
+    Attributes:
+        number: which seed a node is, ``[X, Y, Z]`` int32; -1 where it is none.
+        place, triangle, record: of `scenes.kernels.feature`.
+    """
+
+    number: np.ndarray
+    place: np.ndarray
+    triangle: np.ndarray
+    record: np.ndarray
+
+    @classmethod
+    def of(cls, soup: Soup, threads: int | None = None) -> Seeds:
+        """The seeds of a surface; its lattice must hold the surface and the band around it."""
+        squared, nearest = _band(soup, threads)
+        place, triangle, record = _seeds(soup, squared, nearest)
+        return cls(np.where(squared <= SEED, nearest, np.int32(-1)), place, triangle, record)

@@ -11,11 +11,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.ndimage import maximum_filter, minimum_filter
 from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.kernels import parts
+from scenes.kernels.contact import SIDE, lowest, steepened
 from scenes.kernels.query import curved, interpolated
 
 Evaluate: TypeAlias = Callable[[Tensor, bool], tuple[Tensor, Tensor | None]]
@@ -118,6 +120,54 @@ class SdfGrid:
         out = (value.numpy(), gradient.numpy().reshape(-1))
         in_parts(len(points), lambda begin, end: interpolated(*arrays, begin, end, *out))
         return value, gradient if with_gradient else None
+
+    def lowest_on_way(
+        self, ends: Float[Tensor, "n 4 3"], enough: Float[Tensor, " n"], tolerance: float | int
+    ) -> Float[Tensor, "n 2"]:
+        """Where segments on their way meet the least of `distance`; see `scenes.contact.swept_clearance`.
+
+        Args:
+            ends: a0 and b0 at the beginning, a1 and b1 at the end, metres, world.
+            enough: distance (m) above which nothing is looked for.
+            tolerance: metres by which the value found may exceed the least.
+
+        Returns:
+            Shares of the segment and of the way, both in 0 to 1.
+        """
+        given, high = ends.detach().cpu().double().contiguous(), enough.detach().cpu().double().contiguous()
+        shares, slopes = np.empty((len(given), 2)), self.slopes
+        widest = np.concatenate([slopes[..., :3].min((0, 1, 2)), slopes[..., 3:].max((0, 1, 2))])
+        arrays = (self.values.detach().cpu().numpy(), *self._arrays[2:], slopes, widest)
+        work = (*arrays, given.numpy(), high.numpy(), float(tolerance))
+        in_parts(len(given), lambda begin, end: lowest(*work, begin, end, shares))
+        return torch.from_numpy(shares).to(ends)
+
+    @cached_property
+    def lipschitz(self) -> float:
+        """The most by which `distance` changes over a metre, m/m; of exact distances at most about 3 ** 0.5."""
+        greatest = np.maximum(-self.slopes[..., :3], self.slopes[..., 3:])
+        return float(np.sqrt(np.square(greatest).sum(-1).max()))
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """Range of the gradient of `distance` in blocks of `SIDE` voxels and their neighbours, ``[bx, by, bz, 6]``.
+
+        Least along x, y, z, then greatest: in a voxel a partial derivative is a mean of differences along 4 edges.
+        Blocks at the border speak of all that is outside before them, too, where the distance to the grid changes by up
+        to 1 m/m along each axis.
+        """
+        values = self.values.detach().cpu().numpy()
+        found = np.empty((*(-(-(n - 1) // SIDE) for n in values.shape), 6))
+        found[..., :3], found[..., 3:] = np.inf, -np.inf
+        parts(lambda i: steepened(values, float(self.spacing), i, i + 1, found), len(found), torch.get_num_threads())
+        for axis in range(3):
+            for edge in (0, -1):
+                border = found[(slice(None),) * axis + (edge,)]
+                border[..., :3], border[..., 3:] = np.minimum(border[..., :3], -1), np.maximum(border[..., 3:], 1)
+        around: tuple[int, ...] = (3, 3, 3, 1)
+        found[..., :3] = minimum_filter(found[..., :3], around, mode="nearest")
+        found[..., 3:] = maximum_filter(found[..., 3:], around, mode="nearest")
+        return found
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -49,6 +51,7 @@ class Mesh:
         unit: unit of the source; `vertices` are metres whatever it says.
         up: axis that pointed up in the source; in `vertices` it is y.
         digest: SHA-256 of vertices and faces, hexadecimal; computed when left empty.
+        bounds: lowest and highest corner of the vertices that triangles use, ``[2, 3]``, metres.
 
     Raises:
         UserError: wrong shapes, no triangles, coordinates that are not finite, or faces naming missing vertices.
@@ -61,6 +64,7 @@ class Mesh:
     unit: str = "m"
     up: str = "y"
     digest: str = ""
+    bounds: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
@@ -73,22 +77,22 @@ class Mesh:
             raise UserError(f"mesh '{self.name}' has no triangles; export it with its faces")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise UserError(f"mesh '{self.name}' has faces that name vertices beyond its {len(vertices)}; repair it")
-        bad = int((~np.isfinite(vertices[np.unique(faces)])).any(axis=1).sum())
+        used = np.zeros(len(vertices), dtype=bool)
+        used[faces.reshape(-1)] = True
+        corners = vertices if used.all() else vertices[used]
+        bad = 0 if np.isfinite(corners).all() else int((~np.isfinite(corners)).any(axis=1).sum())
         if bad:
             raise UserError(f"mesh '{self.name}' has {bad} vertices with NaN or infinite coordinates; repair it first")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "bounds", np.stack([corners.min(axis=0), corners.max(axis=0)]))
         if not self.digest:
-            state = hashlib.sha256(vertices.tobytes())
-            state.update(faces.tobytes())
+            state = hashlib.sha256(vertices.data)
+            state.update(faces.data)
             object.__setattr__(self, "digest", state.hexdigest())
-        vertices.flags.writeable = faces.flags.writeable = False  # the digest must stay true
-
-    @property
-    def bounds(self) -> np.ndarray:
-        """Lowest and highest corner of the vertices that triangles use, ``[2, 3]``, metres."""
-        used = self.vertices[np.unique(self.faces)]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        vertices.flags.writeable = faces.flags.writeable = self.bounds.flags.writeable = (
+            False  # the digest must stay true
+        )
 
     @property
     def triangles(self) -> np.ndarray:
@@ -111,19 +115,54 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
         UserError: missing file, unknown format or unit, unreadable content, no triangles, coordinates that are
             not finite, or an extent that no scene has (under 5 cm or over 2 km).
     """
+    path, unit, up = _stated(path, unit, up)
+    found = _read(path)
+    starts = np.cumsum([0] + [len(vertices) for _, vertices, _ in found])
+    vertices = np.concatenate([vertices for _, vertices, _ in found])
+    faces = np.concatenate([faces + start for (_, _, faces), start in zip(found, starts, strict=False)])
+    mesh = Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name=path.stem, source=str(path), unit=unit, up=up)
+    _check_extent(path, unit, mesh.bounds)
+    return mesh
+
+
+def load_parts(path: str | Path, unit: str | None = None, up: str | None = None) -> dict[str, Mesh]:
+    """Read the objects of a scene file as meshes of their own, each where it stands: metres, y up.
+
+    Objects are the nodes of a glTF scene and the ``o`` lines of an OBJ file; other formats hold one. Arguments and
+    errors as for `load_mesh`, but a single object may be smaller than a scene.
+
+    Returns:
+        Meshes by name.
+    """
+    path, unit, up = _stated(path, unit, up)
+    meshes = {
+        name: Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name, str(path), unit, up)
+        for name, vertices, faces in _read(path, _BY_OBJECT.get(path.suffix.lower(), {}))
+    }
+    corners = np.concatenate([mesh.bounds for mesh in meshes.values()])
+    _check_extent(path, unit, np.stack([corners.min(axis=0), corners.max(axis=0)]))
+    return meshes
+
+
+_BY_OBJECT = {
+    ".obj": {"split_objects": True, "group_material": False},
+    ".glb": {"merge_primitives": True},
+    ".gltf": {"merge_primitives": True},
+}
+"""How trimesh is told that an object of several materials is one object."""
+
+
+def _stated(path: str | Path, unit: str | None, up: str | None) -> tuple[Path, str, str]:
+    """The file, its unit and its up axis: as stated, as its comments say, or by default."""
     path = Path(path)
     if not path.is_file():
         raise UserError(f"mesh file '{path}' does not exist")
     ending = path.suffix.lower().removeprefix(".")
     if ending not in FORMATS:
         raise UserError(f"mesh file '{path}' has the unknown format '{ending}'{did_you_mean(ending, FORMATS)}")
-    stated = {} if ending in ("glb", "gltf", "stl") else _stated_in_comments(path)
-    unit = _known("unit", unit or stated.get("unit", "m"), UNITS)
-    up = _known("up axis", up or stated.get("up", "y"), _TO_Y_UP)
-    vertices, faces = _read(path)
-    mesh = Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name=path.stem, source=str(path), unit=unit, up=up)
-    _check_extent(mesh)
-    return mesh
+    comments = {} if ending in ("glb", "gltf", "stl") else _stated_in_comments(path)
+    unit = _known("unit", unit or comments.get("unit", "m"), UNITS)
+    return path, unit, _known("up axis", up or comments.get("up", "y"), _TO_Y_UP)
 
 
 def _known(what: str, word: str, known: dict[str, Any]) -> str:
@@ -132,12 +171,12 @@ def _known(what: str, word: str, known: dict[str, Any]) -> str:
     return word
 
 
-def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of everything in the file, in the file's own unit and axes."""
+def _read(path: Path, options: Mapping[str, bool] = MappingProxyType({})) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, vertices and faces of everything in the file, placed, in the file's own unit and axes."""
     import trimesh  # 0.3 s to import, needed only here
 
     try:
-        scene = trimesh.load_scene(path, process=False)
+        scene = trimesh.load_scene(path, process=False, **options)
         parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
     except Exception as error:  # each of trimesh's parsers raises its own kinds
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -145,12 +184,10 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     parts = [part for part in parts if len(part.faces)]
     if not parts:
         raise UserError(f"mesh file '{path}' has no triangles (a point cloud or an empty scene); export it with faces")
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts])
-    vertices = np.concatenate([np.asarray(part.vertices, dtype=np.float64) for part in parts])
-    faces = np.concatenate(
-        [np.asarray(part.faces, np.int64) + start for part, start in zip(parts, starts, strict=False)]
-    )
-    return vertices, faces
+    return [
+        (str(part.metadata["node"]), np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int64))
+        for part in parts
+    ]
 
 
 def _stated_in_comments(path: Path) -> dict[str, str]:
@@ -174,14 +211,12 @@ def _stated_in_comments(path: Path) -> dict[str, str]:
     return stated
 
 
-def _check_extent(mesh: Mesh) -> None:
-    extent = float(np.ptp(mesh.bounds, axis=0).max())
+def _check_extent(path: Path, unit: str, bounds: np.ndarray) -> None:
+    extent = float(np.ptp(bounds, axis=0).max())
     if SMALLEST <= extent <= LARGEST:
         return
     size = f"{extent:.3g} m" if extent < 1e5 else f"{extent:.1e} m"
-    raw = extent / UNITS[mesh.unit]
-    fitting = [unit for unit, metres in UNITS.items() if 0.5 <= raw * metres <= 100.0 and unit != mesh.unit]
+    raw = extent / UNITS[unit]
+    fitting = [other for other, metres in UNITS.items() if 0.5 <= raw * metres <= 100.0 and other != unit]
     hint = f"did you mean unit='{fitting[-1] if 'mm' not in fitting else 'mm'}'?" if fitting else "state its unit"
-    raise UserError(
-        f"mesh file '{mesh.source}' is {size} long in unit '{mesh.unit}', and scenes are 5 cm to 2 km; {hint}"
-    )
+    raise UserError(f"mesh file '{path}' is {size} long in unit '{unit}', and scenes are 5 cm to 2 km; {hint}")

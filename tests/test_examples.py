@@ -70,3 +70,8 @@ def test_the_cart_is_let_pass() -> None:
     best = sc.run(sc.load_task(EXAMPLES / "tasks" / "crossing_cart.toml"), samples=1).samples[0]
     assert best.met
     assert float(best.metrics["deepest_penetration_m"] or 0.0) < 0.01  # 0.2 without the goal
+
+
+def test_edit_a_scene(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    run("04_edit_a_scene.py", monkeypatch)
+    assert "Equal to a full bake: True" in capsys.readouterr().out

@@ -11,6 +11,7 @@ from objectives.library._joints import Joints, chosen
 from objectives.maths import within
 from objectives.parameters import NotNegative
 from objectives.registry import Masked, goal
+from scenes.contact import swept_clearance
 from scenes.errors import UserError, did_you_mean
 from scenes.motion import Motion
 
@@ -38,19 +39,54 @@ def sdf_penetration(
     # The time axis lines up with T, so that fields which move are asked at the moment of each frame.
     distance = context.scene.distance(points, motion.times[:, None])
     depth = (margin - (distance - radius.to(distance))).clamp_min(0)
-    active = _counted(motion, context, chosen(exempt, motion), exempt_windows)
+    active = _counted(motion, context.body.owners, chosen(exempt, motion), exempt_windows)
     return Masked(depth, active.expand(depth.shape), labels=context.body.owners, points=points)
 
 
+@goal(unit="cm", kernel="linear", reduction="mean", scale=0.01, tolerance=2.0)
+def swept_penetration(
+    motion: Motion,
+    context: Context,
+    *,
+    margin: NotNegative = 0.0,
+    speed: NotNegative = 0.0,
+    exempt: Joints = [],  # noqa: B006  (read only)
+    exempt_windows: list[tuple[float, float]] | None = None,
+) -> Masked:
+    """Keep the body's capsules out of the scene on their way from each frame to the next, thin walls included.
+
+    Residual: max(0, margin - room), cm, of whole capsules whose ends move straight from frame to frame, where
+    `sdf_penetration` looks at samples of the body at the frames only (`scenes.contact.swept_clearance`, to 5 mm). The
+    cost is in metres all the same, and so takes the same weights.
+
+    Args:
+        margin: distance that shall stay free between body and scene, m.
+        speed: the fastest that anything in the scene moves, m/s.
+        exempt: joints whose part of the body may touch the scene.
+        exempt_windows: the exemption holds only in these [begin, end] (s); without `exempt` it is the whole body's.
+    """
+    a, b, radius, owners = context.body.segments(motion)
+    now, then = slice(None, -1), slice(1, None)
+    ends = (a[..., now, :, :], b[..., now, :, :], a[..., then, :, :], b[..., then, :, :])
+    times = (motion.times[now, None], motion.times[then, None])
+    room = swept_clearance(context.scene, *ends, radius, times, speed, tolerance=0.005, enough=margin)
+    depth = 100 * (margin - room).clamp_min(0)
+    counted = _counted(motion, owners, chosen(exempt, motion), exempt_windows)
+    active = (counted[now] & counted[then]) & (motion.valid[..., now, None] & motion.valid[..., then, None])
+    # Frame t stands for the step from t to t + 1, so the last frame of a motion has none.
+    depth = torch.nn.functional.pad(depth, (0, 0, 0, 1))
+    return Masked(depth, torch.nn.functional.pad(active, (0, 0, 0, 1)), labels=owners, points=(a + b) / 2)
+
+
 def _counted(
-    motion: Motion, context: Context, exempt: list[str], windows: list[tuple[float, float]] | None
+    motion: Motion, owners: list[str], exempt: list[str], windows: list[tuple[float, float]] | None
 ) -> Bool[Tensor, "T M"]:
     motion.skeleton.indices(exempt)  # an unknown joint is an error, not an exemption of nothing
     for name in exempt:
-        if name not in context.body.owners:
-            raise UserError(f"no part of the body belongs to joint '{name}'{did_you_mean(name, context.body.owners)}")
+        if name not in owners:
+            raise UserError(f"no part of the body belongs to joint '{name}'{did_you_mean(name, owners)}")
     everything = not exempt and windows is not None
-    points = torch.tensor([everything or owner in exempt for owner in context.body.owners])
+    points = torch.tensor([everything or owner in exempt for owner in owners])
     frames = torch.ones(motion.frames, dtype=torch.bool)
     if windows is not None:
         frames = torch.zeros(motion.frames, dtype=torch.bool)

@@ -34,7 +34,7 @@ def _nearest_in_row(row, out):
 
 
 @helper
-def _envelope(height, count, site, start):
+def envelope(height, count, site, start):
     """Lower envelope of ``height[i] + (q - i)²`` over q: sites and where each begins; returns how many.
 
     ``height`` is negative where there is no parabola. Site m is the lowest for ``start[m] <= q < start[m + 1]``.
@@ -81,7 +81,7 @@ def seeds_in_plane(squared, x, nearest):
         for y in range(rows):
             away = along[y, z] - z
             height[y] = away * away if along[y, z] >= 0 else -1
-        count = _envelope(height, rows, site, start)
+        count = envelope(height, rows, site, start)
         m = 0
         for y in range(rows):
             while m + 1 < count and start[m + 1] < y:
@@ -108,7 +108,7 @@ def nearest_triangles(nearest, place, triangle, y, far):
                 height[x] = dy * dy + dz * dz
             else:
                 height[x] = -1
-        count = _envelope(height, planes, site, start)
+        count = envelope(height, planes, site, start)
         m = 0
         for x in range(planes):
             while m + 1 < count and start[m + 1] < x:
@@ -163,7 +163,7 @@ def records(vertices, faces, used, out):
 
 
 @helper
-def _squared(record, f, x, y, z):
+def to_record(record, f, x, y, z):
     """Squared distance from a node to the triangle of a record, in single precision."""
     at = f * 16
     dx, dy, dz = x - record[at], y - record[at + 1], z - record[at + 2]
@@ -191,12 +191,12 @@ def measured(record, y, band, far, squared):
         row, ids = squared[x, y], far[x]
         fx = np.float32(x)
         for z in range(len(row)):
-            d = _squared(record, np.int64(ids[z]), fx, fy, np.float32(z))
+            d = to_record(record, np.int64(ids[z]), fx, fy, np.float32(z))
             row[z] = d if row[z] > band else row[z]
         before = far[max(x - 1, 0)]
         for z in range(len(row)):
             if row[z] > band and before[z] != ids[z]:
-                d = _squared(record, np.int64(before[z]), fx, fy, np.float32(z))
+                d = to_record(record, np.int64(before[z]), fx, fy, np.float32(z))
                 if d < row[z]:
                     row[z], ids[z] = d, before[z]
 

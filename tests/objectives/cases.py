@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context
+from scenes.body import Segments
 from scenes.motion import Motion
 from scenes.skeleton import HUMANML3D
 
@@ -49,6 +50,10 @@ class Joints:
 
     def points(self, motion: Motion) -> tuple[Float[Tensor, "*b T M 3"], Float[Tensor, " M"]]:
         return motion.joints, motion.joints.new_full((22,), self.size) + 0.01 * torch.arange(22) / 22
+
+    def segments(self, motion: Motion) -> Segments:
+        points, radius = self.points(motion)
+        return Segments(points, points, radius, self.owners)
 
 
 def context(epoch: float = 0.0, x: float = 0.3) -> Context:
@@ -117,6 +122,10 @@ EXAMPLES: dict[str, list[Example]] = {
         lambda s: {"margin": 0.03},
         lambda s: {"exempt": ["left_foot", "right_foot"], "exempt_windows": [[0.1 + s, 0.2 + s]]},
     ],
+    "swept_penetration": [
+        lambda s: {"margin": 0.03, "speed": 0.05},
+        lambda s: {"exempt": ["left_foot", "right_foot"], "exempt_windows": [[0.1 + s, 0.2 + s]]},
+    ],
     "foot_contact": [lambda s: {"threshold": 0.01}],
     "head_height": [
         lambda s: {"height": [1.3, 1.2, 1.4]},
@@ -150,6 +159,7 @@ SATISFIED: dict[str, dict[str, Any]] = {
     "sphere_repulsion": {"center": [2, 1, 2], "radius": 0.3},
     "capsule_repulsion": {"a": [2, 0, 2], "b": [2, 1, 2], "radius": 0.3},
     "sdf_penetration": {"exempt": ["left_foot", "right_foot", "left_ankle", "right_ankle"]},
+    "swept_penetration": {"exempt": ["left_foot", "right_foot", "left_ankle", "right_ankle"]},
     "foot_contact": {"threshold": 0.0},
     "head_height": {"height": None},  # the test states where the head is
     "height_limit": {"limit": 2.0},

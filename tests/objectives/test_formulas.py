@@ -11,6 +11,7 @@ import torch
 from objectives import ArrayTrack, Context, Term
 from scenes.body import DEFAULT_BODY
 from scenes.motion import Motion
+from scenes.primitives import Box
 from scenes.scene import Scene
 from scenes.skeleton import HUMANML3D
 from tests.objectives.cases import Ball, Joints, context, standing, wandering
@@ -194,3 +195,23 @@ def test_resting_feet_touch_the_floor_of_a_real_scene() -> None:
     report = Term("sdf_penetration").report(sunk, world)[0]
     assert not report.met and report.where in ("left_foot", "right_foot", "left_ankle", "right_ankle")
     assert report.worst == pytest.approx(0.1, abs=0.02)
+
+
+def test_swept_penetration_sees_a_wall_that_the_frames_miss() -> None:
+    """A person is carried through a plate 2 cm thick between two frames: before it, then behind it."""
+    lift = torch.tensor([0, 0.3 + DEFAULT_BODY.sole_offset, 0])
+    joints = standing(3, dtype=torch.float32) + lift + torch.tensor([[0, 0, 0.0], [0, 0, 0.1], [0, 0, 2.1]])[:, None]
+    motion = Motion(joints)
+    world = Context(Scene([], [Box((0.0, 1.0, 1.0), (4.0, 4.0, 0.02))], floor=0.0), DEFAULT_BODY)
+    assert Term("sdf_penetration").report(motion, world)[0].met
+    report = Term("swept_penetration").report(motion, world)[0]
+    assert not report.met and report.unit == "cm" and report.when == pytest.approx(0.05)
+    # All go through, the thickest deepest: its radius and half the plate.
+    thickest = 100 * (max(part.radius for part in (*DEFAULT_BODY.spheres, *DEFAULT_BODY.capsules)) + 0.01)
+    assert thickest - 0.5 <= report.worst <= thickest + 1e-3
+    assert Term("swept_penetration").report(Motion(joints[:2]), world)[0].met
+    assert Term("swept_penetration").cost(Motion(joints[:1]), world) == 0
+    # Of a pose that is held both see the same body.
+    sunk = Motion(joints[:1].expand(3, -1, -1) - lift - torch.tensor([0, 0.1, 0]))
+    swept, framed = (Term(name).report(sunk, world)[0] for name in ("swept_penetration", "sdf_penetration"))
+    assert swept.worst == pytest.approx(100 * framed.worst, abs=0.5)

@@ -143,6 +143,14 @@ def test_any_batch_type_and_number_of_threads(baked: dict[str, SdfBlocks], monke
     assert not torch.isfinite(field.distance(strange)[:2]).any()
 
 
+def test_the_slope_bound_holds_between_any_two_points(baked: dict[str, SdfBlocks]) -> None:
+    for name, field in baked.items():
+        a = torch.from_numpy(near(MESHES[name], 0.2, 5000))
+        b = a + 0.01 * torch.nn.functional.normalize(torch.from_numpy(near(MESHES[name], 1.0, 5000, seed=4)), dim=-1)
+        slope = (field.distance(a) - field.distance(b)).abs() / 0.01
+        assert 0.9 < slope.max() <= field.lipschitz
+
+
 def test_outside_it_grows_by_the_distance(baked: dict[str, SdfBlocks]) -> None:
     for name, sign in (("solid", 1.0), ("room", -1.0)):
         field = baked[name]

@@ -135,3 +135,22 @@ def test_the_table_names_its_source() -> None:
     assert all(row["origin"] for row in rows)
     assert "ANSUR II" in SOURCE and BODY.source == SOURCE
     assert ProxyBody.human() == BODY
+
+
+def test_segments_are_the_samples_whole() -> None:
+    """Every sample lies on a segment of its own radius, and every segment goes from sample to sample."""
+    joints = torch.randn(2, 5, 22, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    motion = Motion(joints)
+    a, b, radius, owners = BODY.segments(motion)
+    assert a.shape == b.shape == (2, 5, len(radius), 3) and len(owners) == len(radius)
+    points, radii = BODY.points(motion)
+    for m in range(BODY.count):
+        p, way = points[..., m : m + 1, :], b - a
+        share = ((p - a) * way).sum(-1) / way.square().sum(-1).clamp_min(1e-12)
+        away = (p - a - share.clamp(0, 1)[..., None] * way).norm(dim=-1)
+        assert ((away < 1e-9) & (radius == radii[m])).any(-1).all()
+    bones = a.shape[-2] - len(BODY.spheres)
+    assert 10 < bones <= len(BODY.capsules)
+    samples = points[..., None, :, :]  # and it ends at samples: where joints carry thinner spheres, it stops before
+    for ends in (a, b):
+        assert ((ends[..., None, :] - samples).norm(dim=-1).amin(-1) < 1e-9).all()

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from scenes.errors import UserError
-from scenes.mesh import FORMATS, UNITS, Mesh, load_mesh
+from scenes.mesh import FORMATS, UNITS, Mesh, load_mesh, load_parts
 
 
 def wedge() -> trimesh.Trimesh:
@@ -127,3 +127,34 @@ def test_bad_arrays_are_one_sentence() -> None:
 def test_vertices_no_triangle_uses_do_not_matter() -> None:
     mesh = Mesh(np.vstack([wedge().vertices, [[np.nan, 1e9, 0]]]), wedge().faces)
     assert np.allclose(mesh.bounds, [[0, 0, 0], [1, 2, 3]])
+
+
+def test_parts_of_a_glb_are_its_nodes_where_they_stand(tmp_path: Path) -> None:
+    turn = trimesh.transformations.rotation_matrix(0.5, (0, 1, 0), (1, 0, 0))
+    scene = trimesh.Scene()
+    scene.add_geometry(wedge(), node_name="chair_left", geom_name="chair")
+    scene.add_geometry(wedge(), node_name="chair_right", geom_name="chair", transform=turn)
+    scene.export(tmp_path / "a.glb")
+    parts = load_parts(tmp_path / "a.glb")
+    assert set(parts) == {"chair_left", "chair_right"}
+    assert np.allclose(parts["chair_right"].bounds, wedge().apply_transform(turn).bounds, atol=1e-6)
+    assert sum(len(part.faces) for part in parts.values()) == len(load_mesh(tmp_path / "a.glb").faces)
+
+
+def test_parts_of_an_obj_keep_their_materials_together_and_state_units(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(
+        "# unit: cm\n# up: z\no chair\nv 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 200\nusemtl a\nf 1 2 3\nusemtl b\nf 1 2 4\n"
+        "o vase\nv 500 0 0\nv 502 0 0\nv 500 1 0\nf 5 6 7\n"
+    )
+    parts = load_parts(tmp_path / "a.obj")
+    assert {name: len(part.faces) for name, part in parts.items()} == {"chair": 2, "vase": 1}
+    assert np.allclose(parts["chair"].bounds, [[0, 0, -1], [1, 2, 0]])
+    assert np.ptp(parts["vase"].bounds, axis=0).max() == pytest.approx(0.02)  # smaller than any scene, and yet a part
+
+
+def test_bounds_ignore_vertices_without_triangles() -> None:
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [np.nan, 50, 50]])
+    mesh = Mesh(vertices, np.array([[0, 1, 2]]))
+    assert np.array_equal(mesh.bounds, [[0, 0, 0], [1, 2, 0]])
+    with pytest.raises(UserError, match="1 vertices with NaN"):
+        Mesh(vertices, np.array([[0, 1, 3]]))

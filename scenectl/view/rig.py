@@ -1,0 +1,57 @@
+"""Pictures of characters and robots with the capsules that stand for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenectl.view.camera import ANGLE, Sight, choose, triangles_to_vtk
+from scenectl.view.picture import SIZE, _light, _pyvista
+from scenectl.view.shapes import CLAY
+from scenes.files import atomic_write
+from scenes.proxies import Proxies
+from scenes.rig import Rig
+
+_COLOURS = ("#2f7d6b", "#c8642b", "#3f6fb0", "#a5842a", "#7a5ea8", "#b0446a")
+
+
+def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, int] = SIZE) -> None:
+    """A character at rest and the glassy capsules around it, a colour a link, as a PNG file."""
+    from PIL import Image
+
+    pv = _pyvista(off_screen=True)
+    plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
+    plotter.set_background("#f4f2ee", top="#dfe5ea")
+    plotter.enable_anti_aliasing("ssaa")  # multisampling and depth peeling exclude each other
+    plotter.enable_depth_peeling(8)  # glass behind glass
+    ends = proxies.place(proxies.frames).numpy()
+    radii = proxies.radii.numpy()
+    reach = np.concatenate([(ends + s * radii[:, None, None]).reshape(-1, 3) for s in (-1.0, 1.0)])
+    extent = float(np.ptp(reach, axis=0).max())
+    camera = choose(reach, Sight(np.zeros((0, 3, 3)), False), np.zeros(2), size[0] / size[1], room=0.06 * extent)
+    plotter.camera.position, plotter.camera.focal_point = camera.position.tolist(), camera.target.tolist()
+    plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), ANGLE
+    plotter.add_mesh(triangles_to_vtk(rig.triangles), color=CLAY, ambient=0.36, diffuse=0.75, specular=0.03)
+    colours = {part.link: _COLOURS[k % len(_COLOURS)] for k, part in enumerate(proxies.parts)}
+    for (a, b), radius, link in zip(ends, radii, proxies.owners, strict=True):
+        plotter.add_mesh(
+            _capsule(pv, a, b, max(float(radius), 1e-3 * extent)), color=colours[link], opacity=0.35,
+            smooth_shading=True, ambient=0.3, specular=0.2,
+        )  # fmt: skip
+    _light(plotter, camera)
+    image = plotter.screenshot(return_img=True)
+    plotter.close()
+    with atomic_write(png) as file:
+        Image.fromarray(image).save(file, format="PNG")
+
+
+def _capsule(pv: Any, a: np.ndarray, b: np.ndarray, radius: float) -> Any:
+    """A capsule whose facets lie around it, not within, so that a surface that fills it stays behind glass."""
+    length = float(np.linalg.norm(b - a))
+    shape = pv.Capsule(
+        center=((a + b) / 2).tolist(), direction=(b - a).tolist() if length > 0 else (0.0, 1.0, 0.0),
+        radius=radius / np.cos(np.pi / 60) ** 2, cylinder_length=length, resolution=60,
+    )  # fmt: skip
+    return shape
