@@ -130,7 +130,7 @@ def _furniture(rng: np.random.Generator, low: np.ndarray, high: np.ndarray) -> l
     return found
 
 
-def _box(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray) -> Any:
+def _box(low: Sequence[float | int] | np.ndarray, high: Sequence[float | int] | np.ndarray) -> Any:
     import manifold3d
 
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
