@@ -6,11 +6,19 @@ import math
 
 import numpy as np
 
-from scenes.kernels import kernel
+from scenes.kernels import helper, kernel
 from scenes.kernels.triangles import framed, planar_squared
 
 LANES = 8
-"""Nodes measured together: a vector of double precision."""
+"""Nodes of a piece of a row."""
+
+ROWS = 64
+"""Pieces that are measured together."""
+
+_V, _N, _D, _C = (k * ROWS * LANES for k in range(1, 5))  # where in the scratch: v, normal, distance, constants
+
+SMALL = 16.0
+"""Voxels up to which single precision, around a corner of the triangle, is as good as what is stored."""
 
 
 @kernel
@@ -41,43 +49,89 @@ def binned(vertices, faces, axis, reach, thickness, slabs):
 def splat(vertices, faces, members, reach, begin, end, squared, nearest):
     """Lower `squared` (voxels²) and set `nearest` on the nodes of planes ``begin <= x < end`` near some triangles.
 
-    A row of nodes is cut to where the triangle's plane and bounding box come within `reach`; equal distances keep the
-    triangle of the lowest index.
+    Small triangles are measured in single precision around a corner of their own, which loses nothing that could be
+    stored; large ones in double. Equal distances keep the triangle of the lowest index.
     """
-    height, depth = squared.shape[1], squared.shape[2]
-    found = np.empty(LANES)
+    place = np.empty((ROWS, 4), np.int64)
+    scratch32, scratch64 = np.empty(5 * ROWS * LANES, np.float32), np.empty(5 * ROWS * LANES, np.float64)
     for member in range(len(members)):
         f = members[member]
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        low_x = max(math.ceil(min(vertices[i, 0], vertices[j, 0], vertices[k, 0]) - reach), begin)
-        high_x = min(math.floor(max(vertices[i, 0], vertices[j, 0], vertices[k, 0]) + reach), end - 1)
-        low_y = max(math.ceil(min(vertices[i, 1], vertices[j, 1], vertices[k, 1]) - reach), 0)
-        high_y = min(math.floor(max(vertices[i, 1], vertices[j, 1], vertices[k, 1]) + reach), height - 1)
-        low = max(math.ceil(min(vertices[i, 2], vertices[j, 2], vertices[k, 2]) - reach), 0)
-        high = min(math.floor(max(vertices[i, 2], vertices[j, 2], vertices[k, 2]) + reach), depth - 1)
-        ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, length, cx, cy, over_ac, over_bc = framed(vertices, faces, f)
-        steep = abs(nz) > 1e-3
-        inverse = 1.0 / nz if steep else 0.0
-        half = reach * abs(inverse)
-        for x in range(low_x, high_x + 1):
-            for y in range(low_y, high_y + 1):
-                dx, dy = x - ax, y - ay
-                first, last = low, high
-                if steep:
-                    middle = az - (dx * nx + dy * ny) * inverse
-                    first = max(first, math.ceil(middle - half))
-                    last = min(last, math.floor(middle + half))
-                elif abs(dx * nx + dy * ny) > reach + 1e-3 * (abs(low - az) + abs(high - az)):
-                    continue
-                n0, u0, v0 = dx * nx + dy * ny - az * nz, dx * ux + dy * uy - az * uz, dx * vx + dy * vy - az * vz
-                row, ids = squared[x, y], nearest[x, y]
-                for start in range(first, last + 1, LANES):
-                    for lane in range(LANES):  # always whole vectors: those beyond `last` cost nothing and are dropped
-                        z = float(start + lane)
-                        n = n0 + z * nz
-                        flat = planar_squared(u0 + z * uz, v0 + z * vz, length, cx, cy, over_ac, over_bc, 1.0)
-                        found[lane] = n * n + flat
-                    for lane in range(min(LANES, last + 1 - start)):
-                        if found[lane] < row[start + lane]:
-                            row[start + lane] = found[lane]
-                            ids[start + lane] = f
+        low, high = _box(vertices, faces, f, reach, begin, end, squared.shape)
+        frame = framed(vertices, faces, f)
+        if frame[12] < SMALL:
+            _near(frame, f, low, high, reach, squared, nearest, place, scratch32, np.float32(1.0))
+        else:
+            _near(frame, f, low, high, reach, squared, nearest, place, scratch64, 1.0)
+
+
+@helper
+def _box(vertices, faces, f, reach, begin, end, shape):
+    """First and last node along each axis that a triangle comes near."""
+    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+    low_x = max(math.ceil(min(vertices[i, 0], vertices[j, 0], vertices[k, 0]) - reach), begin)
+    high_x = min(math.floor(max(vertices[i, 0], vertices[j, 0], vertices[k, 0]) + reach), end - 1)
+    low_y = max(math.ceil(min(vertices[i, 1], vertices[j, 1], vertices[k, 1]) - reach), 0)
+    high_y = min(math.floor(max(vertices[i, 1], vertices[j, 1], vertices[k, 1]) + reach), shape[1] - 1)
+    low_z = max(math.ceil(min(vertices[i, 2], vertices[j, 2], vertices[k, 2]) - reach), 0)
+    high_z = min(math.floor(max(vertices[i, 2], vertices[j, 2], vertices[k, 2]) + reach), shape[2] - 1)
+    return (low_x, low_y, low_z), (high_x, high_y, high_z)
+
+
+@helper
+def _near(frame, f, low, high, reach, squared, nearest, place, s, one):
+    """The nodes of a box that lie near a triangle, in the precision of `one`.
+
+    A row along z is cut to where the triangle's plane comes within `reach`, and left out where the ball around it does
+    not. Pieces of rows are gathered and measured together: only a long loop becomes vector instructions.
+    """
+    ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, length, cx, cy, _, _ = frame
+    ball = reach + max(length / 2.0, math.sqrt((cx - length / 2.0) ** 2 + cy * cy))
+    middle_x, middle_y = ax + ux * length / 2.0, ay + uy * length / 2.0
+    steep = abs(nz) > 1e-3
+    inverse = 1.0 / nz if steep else 0.0
+    half = reach * abs(inverse)
+    count = 0
+    for x in range(low[0], high[0] + 1):
+        for y in range(low[1], high[1] + 1):
+            if (x - middle_x) ** 2 + (y - middle_y) ** 2 > ball * ball:
+                continue
+            dx, dy = x - ax, y - ay
+            first, last = low[2], high[2]
+            if steep:
+                middle = az - (dx * nx + dy * ny) * inverse
+                first = max(first, math.ceil(middle - half))
+                last = min(last, math.floor(middle + half))
+            elif abs(dx * nx + dy * ny) > reach + 1e-3 * (abs(low[2] - az) + abs(high[2] - az)):
+                continue
+            for start in range(first, last + 1, LANES):
+                at = count * LANES
+                for lane in range(LANES):  # always whole pieces: nodes beyond `last` are dropped
+                    dz = start + lane - az
+                    s[at + lane] = dx * ux + dy * uy + dz * uz
+                    s[_V + at + lane] = dx * vx + dy * vy + dz * vz
+                    s[_N + at + lane] = dx * nx + dy * ny + dz * nz
+                place[count, 0], place[count, 1], place[count, 2] = x, y, start
+                place[count, 3] = min(LANES, last + 1 - start)
+                count += 1
+                if count == ROWS:
+                    _lowered(frame, f, count, squared, nearest, place, s, one)
+                    count = 0
+    _lowered(frame, f, count, squared, nearest, place, s, one)
+
+
+@helper
+def _lowered(frame, f, count, squared, nearest, place, s, one):
+    """Measure the gathered pieces of rows and keep what is nearer."""
+    s[_C], s[_C + 1], s[_C + 2], s[_C + 3], s[_C + 4] = frame[12], frame[13], frame[14], frame[15], frame[16]
+    length, cx, cy, over_ac, over_bc = s[_C], s[_C + 1], s[_C + 2], s[_C + 3], s[_C + 4]
+    for at in range(count * LANES):
+        flat = planar_squared(s[at], s[_V + at], length, cx, cy, over_ac, over_bc, one)
+        s[_D + at] = s[_N + at] * s[_N + at] + flat
+    for piece in range(count):
+        x, y, start = place[piece, 0], place[piece, 1], place[piece, 2]
+        row, ids = squared[x, y], nearest[x, y]
+        for lane in range(place[piece, 3]):
+            d = s[_D + piece * LANES + lane]
+            if d < row[start + lane]:
+                row[start + lane] = d
+                ids[start + lane] = f
