@@ -153,7 +153,8 @@ def edit(
 def query_bench(
     scene: Annotated[str, typer.Option(help="The bundled scene whose grid is asked.")] = "living_room",
     resolution: Annotated[int, typer.Option(help="Nodes along every side.")] = 256,
-    repeats: Annotated[int, typer.Option(min=1, help="Calls of each method; the median counts.")] = 15,
+    pattern: Annotated[list[str] | None, typer.Option(help="body or uniform; repeatable. Default: body.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Turns of each method; the median counts.")] = 15,
     seed: Seed = 0,
     json_file: Json = None,
     plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the rows to this PNG, PDF or SVG.")] = None,
@@ -162,7 +163,7 @@ def query_bench(
     from scenectl.bench.query import bench_query, plot
 
     def work(tell: Any) -> Any:
-        result = bench_query(scene, resolution, repeats, seed, progress=tell)
+        result = bench_query(scene, resolution, repeats, seed, patterns=tuple(pattern or ("body",)), progress=tell)
         if plot_file is not None:
             plot(result, plot_file)
         return result

@@ -40,7 +40,7 @@ def test_points_are_many_single_and_in_the_grid(pattern: str) -> None:
 
 def test_rows_and_summary(tmp_path: Path) -> None:
     threads = torch.get_num_threads()
-    result = bench_query("pillars", resolution=16, repeats=1, counts=(50, 90))
+    result = bench_query("pillars", resolution=16, repeats=1, counts=(50, 90), patterns=PATTERNS)
     assert torch.get_num_threads() == threads
     assert {(row["points"], row["pattern"]) for row in result["rows"]} == {(n, p) for n in (50, 90) for p in PATTERNS}
     assert {"scenectl", "grid_sample", "torch"} <= {row["method"] for row in result["rows"]}
@@ -49,5 +49,7 @@ def test_rows_and_summary(tmp_path: Path) -> None:
     assert result["summary"]["speedup_90"] == pytest.approx(min(ratios))
     plot(result, tmp_path / "query.png")
     assert (tmp_path / "query.png").read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(UserError, match="unknown pattern 'unifrm'; did you mean 'uniform'"):
+        bench_query("pillars", patterns=("unifrm",))
     with pytest.raises(UserError, match="repeats"):
         bench_query("pillars", repeats=0)
