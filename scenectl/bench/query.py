@@ -48,7 +48,8 @@ def bench_query(
     `open3d` runs where it can be imported, and gives exact distances to the triangles instead, and no gradient.
 
     Returns:
-        `rows` of points, pattern, method, seconds, and `summary`: for each count the smallest of the patterns' ratios of `grid_sample` to `scenectl`.
+        `rows` of points, pattern, method, seconds, and `summary`: for each count the smallest of the patterns' ratios
+        of `grid_sample` to `scenectl`.
     """
     for pattern in patterns:
         if pattern not in PATTERNS:
