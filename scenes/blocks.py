@@ -18,7 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, read_arrays
 from scenes.grid import Interpolant, flat, in_parts
 from scenes.kernels.blocks import CELL, LEVELS, STEPS, queried
 
@@ -124,16 +124,7 @@ class SdfBlocks:
     @classmethod
     def load(cls, path: str | Path) -> SdfBlocks:
         """Read a file that `save` wrote; raises UserError for anything else."""
-        path = Path(path)
-        if not path.is_file():
-            raise UserError(f"distance blocks '{path}' do not exist")
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                return cls.from_arrays(data)
-        except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-            raise UserError(
-                f"distance blocks '{path}' were not written by scenectl or are damaged ({error}); bake again"
-            ) from error
+        return read_arrays(path, "grid of distance blocks", cls.from_arrays)
 
     @classmethod
     def from_arrays(cls, data: Any) -> SdfBlocks:

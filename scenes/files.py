@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
+
+import numpy as np
 
 from scenes.errors import UserError
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -35,6 +39,21 @@ def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:
+    """``build(arrays)`` of an .npz file; raises UserError where there is none or `build` finds it unsound.
+
+    `what` names the content, such as "distance grid". Nothing that is pickled is read.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{what} '{path}' does not exist")
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return build(data)
+    except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
+        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); bake again") from error
 
 
 def clear_stale(folder: Path, seconds: float = 3600.0) -> None:

@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, read_arrays
 from scenes.kernels import parts
 from scenes.kernels.contact import SIDE, lowest, steepened
 from scenes.kernels.query import curved, interpolated
@@ -200,16 +200,7 @@ class SdfGrid:
     @classmethod
     def load(cls, path: str | Path) -> SdfGrid:
         """Read a file that `save` wrote; raises UserError for anything else."""
-        path = Path(path)
-        if not path.is_file():
-            raise UserError(f"distance grid '{path}' does not exist")
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                return cls.from_arrays(data)
-        except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-            raise UserError(
-                f"distance grid '{path}' was not written by scenectl or is damaged ({error}); bake again"
-            ) from error
+        return read_arrays(path, "distance grid", cls.from_arrays)
 
     @classmethod
     def from_arrays(cls, data: Any) -> SdfGrid:

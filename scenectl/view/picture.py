@@ -199,7 +199,7 @@ class Picture:
     # ---- the parts of a picture -------------------------------------------------------------------------------
 
     def _plotter(self, off_screen: bool, size: tuple[int, int]) -> Any:
-        pv = _pyvista(off_screen)
+        pv = load_pyvista(off_screen)
         plotter = pv.Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
         plotter.set_background(_BACK, top=_HORIZON)
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
@@ -220,7 +220,7 @@ class Picture:
             self._add_triangles(plotter, triangles[glass], colours[glass], min(opacity, _GLASS))
         if not self.scene.meshes:
             self._add_ground(plotter, probes if len(probes) else np.zeros((1, 3)))
-        _light(plotter, camera)
+        add_light(plotter, camera)
 
     def _in_the_way(self, triangles: np.ndarray, pieces: np.ndarray, probes: np.ndarray, camera: Camera) -> np.ndarray:
         """Objects that cover more than a little of the person: they are drawn like glass."""
@@ -501,7 +501,7 @@ class _Window:
             self.picture._add_slice(self.plotter, self.height, now)
 
 
-def _light(plotter: Any, camera: Camera) -> None:
+def add_light(plotter: Any, camera: Camera) -> None:
     """A key light over the camera's left shoulder, a soft one from the right, and a little from above."""
     import pyvista as pv
 
@@ -528,7 +528,7 @@ _OFF_SCREEN = {
 }
 
 
-def _pyvista(off_screen: bool) -> Any:
+def load_pyvista(off_screen: bool) -> Any:
     """pyvista, where something can be drawn; raises UserError naming what to install otherwise."""
     if off_screen and sys.platform == "linux" and not os.environ.get("DISPLAY"):
         # VTK would try the X server first, complain, and crash where nothing else is there

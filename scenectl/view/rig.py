@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from scenectl.view.camera import ANGLE, Sight, choose, triangles_to_vtk
-from scenectl.view.picture import SIZE, _light, _pyvista
+from scenectl.view.picture import SIZE, add_light, load_pyvista
 from scenectl.view.shapes import CLAY
 from scenes.files import atomic_write
 from scenes.proxies import Proxies
@@ -21,7 +21,7 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
     """A character at rest and the glassy capsules around it, a colour a link, as a PNG file."""
     from PIL import Image
 
-    pv = _pyvista(off_screen=True)
+    pv = load_pyvista(off_screen=True)
     plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
     plotter.set_background("#f4f2ee", top="#dfe5ea")
     plotter.enable_anti_aliasing("ssaa")  # multisampling and depth peeling exclude each other
@@ -40,7 +40,7 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
             _capsule(pv, a, b, max(float(radius), 1e-3 * extent)), color=colours[link], opacity=0.35,
             smooth_shading=True, ambient=0.3, specular=0.2,
         )  # fmt: skip
-    _light(plotter, camera)
+    add_light(plotter, camera)
     image = plotter.screenshot(return_img=True)
     plotter.close()
     with atomic_write(png) as file:

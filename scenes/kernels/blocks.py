@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from scenes.kernels import helper, kernel
-from scenes.kernels.triangles import framed, planar_squared
+from scenes.kernels.triangles import framed, planar_squared, squared_distance
 
 CELL = 8
 BRICK = 8
@@ -41,7 +41,7 @@ def near_bricks(vertices, faces, shape, reach):
                 for y in range(low_y, high_y + 1):
                     for z in range(low_z, high_z + 1):
                         cx, cy, cz = SIDE * (x + 0.5), SIDE * (y + 0.5), SIDE * (z + 0.5)
-                        if not single and _distance(frame, cx, cy, cz) > radius:
+                        if not single and math.sqrt(squared_distance(frame, cx, cy, cz)) > radius:
                             continue
                         brick = (x * ny + y) * nz + z
                         if filling:
@@ -114,16 +114,6 @@ def _misses(vertices, faces, f, x, z, half):
 
 
 @helper
-def _distance(frame, x, y, z):
-    ax, ay, az, ux, uy, uz, vx, vy, vz, nx, ny, nz, length, cx, cy, over_ac, over_bc = frame
-    dx, dy, dz = x - ax, y - ay, z - az
-    n = dx * nx + dy * ny + dz * nz
-    u = dx * ux + dy * uy + dz * uz
-    v = dx * vx + dy * vy + dz * vz
-    return math.sqrt(n * n + planar_squared(u, v, length, cx, cy, over_ac, over_bc, 1.0))
-
-
-@helper
 def _row(frames, t):
     r = frames[t]
     return (
@@ -140,7 +130,7 @@ def _culled(frames, given, count, x, y, z, half, band, away, kept):
     radius = half * math.sqrt(3.0)
     least = np.inf
     for at in range(count):
-        away[at] = _distance(_row(frames, given[at]), x, y, z)
+        away[at] = math.sqrt(squared_distance(_row(frames, given[at]), x, y, z))
         least = min(least, away[at])
     if least - radius > band:
         return 0
