@@ -29,7 +29,7 @@ from scenes.mesh import Mesh
 from scenes.signs import Signs, sign
 from scenes.surface import Surface, sheets
 
-FORMAT = 4
+FORMAT = 5
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
 
 

@@ -25,7 +25,7 @@ from scenes.kernels import parts, rays, regions
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.lattice import Lattice
 from scenes.mesh import Mesh
-from scenes.signs import sign
+from scenes.signs import grown, sign
 from scenes.surface import Surface
 
 BAND = 2.0
@@ -116,7 +116,7 @@ def _baked(
     soup = Soup.of(surface, lattice)
     coarse = unsigned(soup, threads)
     signs = sign(coarse, soup, surface, rule, lattice.spacing, threads)
-    builder = _Builder(surface, rule, lattice, coarse, tolerance, slope, threads)
+    builder = _Builder(surface, soup, rule, lattice, coarse, tolerance, slope, threads)
     return Bake(builder.built(), rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
 
 
@@ -133,6 +133,7 @@ class _Builder:
     """Bricks over a coarse lattice, and the triangles in the coordinates of the fine one."""
 
     surface: Surface
+    soup: Soup
     rule: Rule
     lattice: Lattice
     coarse: np.ndarray
@@ -144,9 +145,7 @@ class _Builder:
         self.spacing = self.lattice.spacing / CELL
         self.cells = tuple(n - 1 for n in self.lattice.shape)
         self.bricks = tuple(n // BRICK for n in self.cells)
-        offset = self.surface.centre - np.array(self.lattice.origin)
-        self.vertices = (self.surface.vertices + offset) / self.spacing
-        self.faces = np.concatenate([self.surface.faces, self.surface.slivers]).astype(np.int32)
+        self.vertices, self.faces = CELL * self.soup.vertices, self.soup.faces
         self.bits = rays.fraction_bits(CELL * max(self.lattice.shape))
         # The nearest triangle of a point in a cell within the band is no farther from its brick than this.
         reach = BAND + 1.5 * np.sqrt(3.0) * CELL
@@ -263,25 +262,18 @@ class _Builder:
         flat, shape = distance.reshape(-1), distance.shape
         region = np.empty(flat.size, dtype=np.int32)
         count = regions.regions(flat, edges, shape, region)
-        for_free, for_solid = kernels.tallied(region.reshape(shape), count, coarse)
+        votes = np.zeros(shape, dtype=np.uint8)  # of the coarse nodes alone, as `scenes.signs` writes them
+        votes[::CELL, ::CELL, ::CELL] = np.where(coarse < 0, 16, 1)
+        for_free, for_solid, deepest = regions.tally(region, votes.reshape(-1), flat, count)
         free = for_free > 0
         silent = np.flatnonzero(for_free + for_solid == 0)
-        if len(silent):
-            free[silent] = self._asked(kernels.deepest_nodes(region, count, flat)[silent], shape, corner)
+        free[silent] = self._asked(deepest[silent], shape, corner)
         free = free[region]
         torn = ((for_free > 0) & (for_solid > 0))[region]
-        if not torn.any():
-            return free
-        label = np.zeros(shape, dtype=np.int8)
-        label[::CELL, ::CELL, ::CELL] = np.where(coarse < 0, 2, 1)
-        label = np.where(torn, label.reshape(-1), np.int8(0))
-        order, parent = np.empty(int(torn.sum()), dtype=np.int32), np.full(flat.size, -1, dtype=np.int32)
-        regions.flood(order, regions.descending(flat, torn, order), flat, edges, shape, label, parent)
-        found = label[np.where(torn, parent, 0)]
-        unknown = np.unique(parent[torn & (found == 0)])
-        if len(unknown):
-            label[unknown] = np.where(self._asked(unknown, shape, corner), 1, 2)
-        free[torn] = label[parent[torn]] == 1
+        if torn.any():
+            label = np.where(torn, votes.reshape(-1).clip(max=2), 0).astype(np.int8)
+            parent = grown(flat, edges, shape, torn, label, lambda nodes: self._asked(nodes, shape, corner))
+            free[torn] = label[parent[torn]] == 1
         return free
 
     def _asked(self, nodes: np.ndarray, shape: tuple[int, ...], corner: np.ndarray) -> np.ndarray:

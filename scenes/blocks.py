@@ -14,12 +14,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
-from scenes.errors import UserError
-from scenes.files import atomic_write, read_arrays
-from scenes.grid import Interpolant, flat, in_parts
+from scenes.files import read_arrays
+from scenes.grid import Interpolated, in_parts
 from scenes.kernels.blocks import CELL, LEVELS, STEPS, queried
 
 Blocks: TypeAlias = tuple[np.ndarray, ...]
@@ -27,7 +25,7 @@ Blocks: TypeAlias = tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class SdfBlocks:
+class SdfBlocks(Interpolated):
     """Signed distances on two levels, and their continuous piecewise trilinear interpolant.
 
     Coarse node ``[i, j, k]`` lies exactly at ``origin + 8 * spacing * (i, j, k)``.
@@ -70,18 +68,6 @@ class SdfBlocks:
         """Share of the volume that the finest blocks cover."""
         return len(self.blocks[-1]) / self.index.size
 
-    def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
-        """Interpolant (m) at `points` (m, world), with its exact gradient; as `SdfGrid.distance` in every respect."""
-        if points.shape[-1] != 3:
-            raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
-        result: Tensor = Interpolant.apply(points, self._evaluate)  # type: ignore[no-untyped-call]
-        return result
-
-    def value_and_gradient(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
-        """What `distance` gives, and its gradient (no unit), in one pass and outside autograd."""
-        value, gradient = self._evaluate(flat(points), with_gradient=True)
-        return value.reshape(points.shape[:-1]), gradient.reshape(points.shape)
-
     def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor]:
         """Value ``[n]`` and gradient ``[n, 3]`` at points ``[n, 3]``; on the CPU, wherever the points are."""
         local = points.cpu()
@@ -104,11 +90,6 @@ class SdfBlocks:
                     slopes.append(float(rise) / STEPS * (2 << level) / CELL)
             steepest[axis] = max(1.0, *slopes)
         return float(np.linalg.norm(steepest))
-
-    def save(self, path: str | Path) -> None:
-        """Write everything to an .npz file, whole or not at all."""
-        with atomic_write(path) as file:
-            np.savez(file, allow_pickle=False, **self.arrays())
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The arrays that `save` writes."""

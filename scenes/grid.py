@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,8 +27,44 @@ ENOUGH = 32_768
 """Points from which on a second thread pays."""
 
 
+class Interpolated(ABC):
+    """A field read off stored nodes, whose gradient comes with its value; a grid says how in `_evaluate`."""
+
+    @abstractmethod
+    def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
+        """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``, outside autograd."""
+
+    @abstractmethod
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The grid as the arrays that `save` writes."""
+
+    def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
+        """Interpolant (m) at `points` (m, world), with its exact gradient.
+
+        Outside the grid: the value at the nearest point of the grid, plus (minus where `beyond` is -1) the distance
+        to that point; this is continuous, and for `beyond` = 1 an upper bound of the true distance. The gradient can
+        be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or infinity.
+        `time` is ignored: a grid does not move.
+        """
+        if points.shape[-1] != 3:
+            raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
+        result: Tensor = Interpolant.apply(points, self._evaluate)  # type: ignore[no-untyped-call]
+        return result
+
+    def value_and_gradient(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
+        """What `distance` gives, and its gradient (no unit), in one pass and outside autograd."""
+        value, gradient = self._evaluate(flat(points), with_gradient=True)
+        assert gradient is not None
+        return value.reshape(points.shape[:-1]), gradient.reshape(points.shape)
+
+    def save(self, path: str | Path) -> None:
+        """Write `arrays` to an .npz file, whole or not at all."""
+        with atomic_write(path) as file:
+            np.savez(file, allow_pickle=False, **self.arrays())
+
+
 @dataclass(frozen=True, eq=False)
-class SdfGrid:
+class SdfGrid(Interpolated):
     """Signed distances at the nodes of a cubic grid.
 
     Node ``[i, j, k]`` lies exactly at ``origin + spacing * (i, j, k)``: nodes, not cell centres, and nothing about
@@ -75,25 +112,6 @@ class SdfGrid:
         """World positions ``[..., 3]`` (m, float64) of the nodes with integer indices ``[..., 3]``."""
         positions: np.ndarray = self.origin.cpu().numpy() + self.spacing * index
         return positions
-
-    def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
-        """Trilinear interpolant (m) at `points` (m, world), with its exact gradient.
-
-        Outside the grid: the value at the nearest point of the grid, plus (minus where `beyond` is -1) the distance
-        to that point; this is continuous, and for `beyond` = 1 an upper bound of the true distance. The gradient can
-        be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or infinity.
-        `time` is ignored: a grid does not move.
-        """
-        if points.shape[-1] != 3:
-            raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
-        result: Tensor = Interpolant.apply(points, self._evaluate)  # type: ignore[no-untyped-call]
-        return result
-
-    def value_and_gradient(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
-        """What `distance` gives, and its gradient (no unit), in one pass and outside autograd."""
-        value, gradient = self._evaluate(flat(points), with_gradient=True)
-        assert gradient is not None
-        return value.reshape(points.shape[:-1]), gradient.reshape(points.shape)
 
     def hessian_vector(self, points: Float[Tensor, "*b 3"], vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
         """Second derivative (1/m) of `distance` at `points` (m) times `vectors`, where it exists: inside a voxel.
@@ -182,11 +200,6 @@ class SdfGrid:
         if device not in self._copies:
             self._copies[device] = self.values.to(device)
         return self._copies[device]
-
-    def save(self, path: str | Path) -> None:
-        """Write values, origin, spacing and `beyond` to an .npz file, whole or not at all."""
-        with atomic_write(path) as file:
-            np.savez(file, allow_pickle=False, **self.arrays())
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The grid as the arrays that `save` writes."""

@@ -10,6 +10,7 @@ is bounded by triangles is no part.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +28,7 @@ UNCERTAIN = 50
 """Percent of agreeing evidence up to which a node counts as uncertain."""
 
 _CLEAR = 0.2  # distance of a winding number from the rule's limits that marks a node
-_MARKS = (
-    32  # nodes marked along the longest side; and the lattice's outer faces, as padding may be thinner than a stride
-)
+_MARKS = 32  # along the longest side; the lattice's outer faces are marked too, as padding may be thin
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,13 +175,8 @@ def _cut(
     w = _winding(soup, surface, coarse, reach=1.2)  # within 0.1, far less than what makes a mark clear
     label.reshape(-1)[coarse] = np.where(rule.margin(w) > _CLEAR, np.where(rule.free(w), 1, 2), 0)
     label = label.reshape(-1)
-    order = np.empty(int(torn.sum()), dtype=np.int32)
-    parent = np.full(len(distance), -1, dtype=np.int32)
-    count = grow.descending(distance, torn, order)
-    grow.flood(order, count, distance, crossed, shape, label, parent)
-    root = np.where(parent >= 0, parent, 0)
-    open_roots = np.unique(parent[(parent >= 0) & (label[root] == 0)])
-    label[open_roots] = np.where(rule.free(_winding(soup, surface, open_roots)), 1, 2)
+    parent = grown(distance, crossed, shape, torn, label, lambda nodes: rule.free(_winding(soup, surface, nodes)))
+    root = np.where(torn, parent, 0)
     sizes = np.bincount(parent[torn], minlength=len(parent))
     sort = np.where(torn, label[root], 0).astype(np.int8)
     for _ in range(4):  # a part that falls to its surroundings may free the next
@@ -194,6 +188,27 @@ def _cut(
         turned = torn & hanging[root]
         sort[turned] = 3 - sort[turned]
     free[torn] = sort[torn] == 1
+
+
+def grown(
+    distance: np.ndarray,
+    crossed: np.ndarray,
+    shape: tuple[int, ...],
+    torn: np.ndarray,
+    label: np.ndarray,
+    is_free: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """Grow labels (1 free, 2 solid) over the nodes `torn`, from wide places to narrow ones; all arrays are flat.
+
+    Sets that no label reaches are asked for: `is_free` takes flat indices. Returns the root of each node's set, -1
+    where not `torn`; afterwards `label` is right at the roots.
+    """
+    order = np.empty(int(torn.sum()), dtype=np.int32)
+    parent = np.full(len(distance), -1, dtype=np.int32)
+    grow.flood(order, grow.descending(distance, torn, order), distance, crossed, shape, label, parent)
+    unknown = np.unique(parent[torn & (label[np.where(torn, parent, 0)] == 0)])
+    label[unknown] = np.where(is_free(unknown), 1, 2)
+    return parent
 
 
 def _spread(shape: tuple[int, ...]) -> np.ndarray:

@@ -20,6 +20,7 @@ LEVELS = 3
 STEPS = 1024
 """Stored numbers are multiples of the fine spacing over this."""
 
+_SOLID = np.float32(0.5)  # share of the depth by which a distance inside a solid may err
 _FEW = 12  # triangles from which on a cell is measured in eight parts
 
 
@@ -284,32 +285,6 @@ def filled(coarse, out):
 
 
 @kernel
-def tallied(region, count, coarse):
-    """Coarse nodes that are free, and that are solid, in each region of a brick ``[x, y, z]``."""
-    free, solid = np.zeros(count, np.int32), np.zeros(count, np.int32)
-    for x in range(coarse.shape[0]):
-        for y in range(coarse.shape[1]):
-            for z in range(coarse.shape[2]):
-                r = region[CELL * x, CELL * y, CELL * z]
-                if coarse[x, y, z] < 0:
-                    solid[r] += 1
-                else:
-                    free[r] += 1
-    return free, solid
-
-
-@kernel
-def deepest_nodes(region, count, distance):
-    """Flat index of each region's node that is farthest from any surface."""
-    deepest = np.full(count, -1, np.int64)
-    for n in range(len(region)):
-        r = region[n]
-        if deepest[r] < 0 or distance[n] > distance[deepest[r]]:
-            deepest[r] = n
-    return deepest
-
-
-@kernel
 def settled(spacing, near, distance, coarse, keep):
     """Corners of near cells are measured: give them (m) to the coarse nodes, which give their signs first if `keep`."""
     for i in range(BRICK):
@@ -337,9 +312,6 @@ def _trilinear(v, i, j, k, s, x, y, z):
     d = v[i + s, j + s, k] + (v[i + s, j + s, k + s] - v[i + s, j + s, k]) * z
     e = a + (b - a) * y
     return e + (c + (d - c) * y - e) * x
-
-
-_SOLID = np.float32(0.5)  # share of the depth by which a distance inside a solid may err
 
 
 @helper
