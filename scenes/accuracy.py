@@ -8,7 +8,6 @@ import numpy as np
 
 from scenes.bake import Bake
 from scenes.grid import SdfGrid
-from scenes.kernels import weld
 from scenes.lattice import Lattice
 from scenes.mesh import Mesh
 from scenes.surface import Surface
@@ -94,11 +93,9 @@ def _near(surface: Surface, lattice: Lattice, samples: int, rng: np.random.Gener
 
     Half of the points are spread over the area and half over the triangles, because errors like small ones.
     """
-    areas = np.cumsum(weld.areas(surface.vertices, surface.faces))
-    spread = np.searchsorted(areas, rng.uniform(0, areas[-1], samples)).clip(max=len(areas) - 1)
-    chosen = np.where(rng.random(samples) < 0.5, spread, rng.integers(len(areas), size=samples))
-    corners = surface.vertices[surface.faces[chosen]]
-    points = np.einsum("nk,nkc->nc", rng.dirichlet(np.ones(3), samples), corners) + surface.centre
+    spread = surface.by_area(samples, rng)
+    chosen = np.where(rng.random(samples) < 0.5, spread, rng.integers(len(surface.faces), size=samples))
+    points = surface.points_on(chosen, rng) + surface.centre
     index = np.rint((points - lattice.origin) / lattice.spacing).astype(int) + rng.integers(-2, 3, (samples, 3))
     return np.unique(np.ravel_multi_index(tuple(index.T), lattice.shape, mode="clip"))
 

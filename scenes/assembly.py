@@ -23,6 +23,7 @@ import torch
 from scenes.bake import bake
 from scenes.distances import Seeds, Soup
 from scenes.errors import UserError, did_you_mean
+from scenes.frames import transform
 from scenes.free_space import FreeSpace, check_free_space
 from scenes.grid import SdfGrid
 from scenes.kernels import parts, union
@@ -199,7 +200,7 @@ class Assembly:
         pose = _rigid(name, pose)
         placed = mesh
         if not np.array_equal(pose, np.eye(4)):
-            placed = Mesh(mesh.vertices @ pose[:3, :3].T + pose[:3, 3], mesh.faces, mesh.name, mesh.source)
+            placed = Mesh(transform(pose, mesh.vertices), mesh.faces, mesh.name, mesh.source)
         corner, window = self._window(placed)
         rule = self.free_space
         if not isinstance(rule, str):

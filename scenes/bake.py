@@ -27,7 +27,7 @@ from scenes.grid import SdfGrid
 from scenes.lattice import Lattice
 from scenes.mesh import Mesh
 from scenes.signs import Signs, sign
-from scenes.surface import Surface, sheets
+from scenes.surface import Surface, thin_walls
 
 FORMAT = 5
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
@@ -129,8 +129,8 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     soup = Soup.of(surface, lattice)
     distance = unsigned(soup, threads)
     signs = sign(distance, soup, surface, rule, lattice.spacing, threads)
-    if thickness > 0 and len(thin := sheets(surface, thickness)):
-        walls = unsigned(Soup.of(surface.part(thin), lattice), threads)
+    if (thin := thin_walls(surface, thickness)) is not None:
+        walls = unsigned(Soup.of(thin, lattice), threads)
         walls *= np.float32(lattice.spacing)
         walls -= np.float32(thickness / 2)
         np.minimum(distance, walls, out=distance)

@@ -13,8 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
-from scenes.kernels import weld
-from scenes.surface import Surface, sheets
+from scenes.surface import Surface
 
 FreeSpace: TypeAlias = str | Sequence[float | int]
 """`"auto"`, `"outside"`, or a point x, y, z in the air (m, world)."""
@@ -114,16 +113,13 @@ def _from_seed(surface: Surface, seed: Sequence[float], bounds: np.ndarray, name
 
 def _winding_in_front(surface: Surface, samples: int = 512) -> float:
     """Median winding number just in front of points spread evenly over the surface."""
-    areas = weld.areas(surface.vertices, surface.faces)
     rng = np.random.default_rng(0)
-    total = np.cumsum(areas)
-    chosen = np.searchsorted(total, rng.uniform(0.0, total[-1], samples), side="right").clip(0, len(areas) - 1)
+    chosen = surface.by_area(samples, rng)
     corners = surface.vertices[surface.faces[chosen]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    points = np.einsum("nk,nkc->nc", rng.dirichlet(np.ones(3), size=samples), corners)
     step = 1e-4 * float(np.ptp(surface.bounds, axis=0).max())
-    return float(np.median(surface.dipoles.at(points + step * normals)))
+    return float(np.median(surface.dipoles.at(surface.points_on(chosen, rng) + step * normals)))
 
 
 def check_free_space(free_space: Any) -> FreeSpace:
@@ -153,13 +149,7 @@ def is_free(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
     return rule.free(winding)
 
 
-def signed_distance(surface: Surface, rule: Rule, points: np.ndarray, thickness: float | int = 0.0) -> np.ndarray:
-    """Exact distance (m) of ``[n, 3]`` world points (m) to the triangles, positive in free space: the oracle.
-
-    Thin pieces are solid up to half of `thickness` (m) on both sides, as `bake` makes them.
-    """
+def signed_distance(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
+    """Exact distance (m) of ``[n, 3]`` world points (m) to the triangles, positive in free space: the oracle."""
     unsigned = surface.unsigned_distance(points)
-    signed = np.where(is_free(surface, rule, points), unsigned, -unsigned)
-    if thickness > 0 and len(thin := sheets(surface, thickness)):
-        signed = np.minimum(signed, surface.part(thin).unsigned_distance(points) - thickness / 2)
-    return signed
+    return np.where(is_free(surface, rule, points), unsigned, -unsigned)

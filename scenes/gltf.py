@@ -18,7 +18,8 @@ from urllib.parse import unquote
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.rig import Part, Rig, rigid, transform, tree_order
+from scenes.frames import rigid, rotations, transform
+from scenes.rig import Part, Rig, tree_order
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -319,13 +320,7 @@ def _local(node: dict[str, Any]) -> np.ndarray:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=np.float64)
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    turn = rotations(np.array([w, x, y, z]))
     local = np.eye(4)
     local[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
     local[:3, 3] = np.array(node.get("translation", (0, 0, 0)), dtype=np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -116,13 +116,17 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
             not finite, or an extent that no scene has (under 5 cm or over 2 km).
     """
     path, unit, up = _stated(path, unit, up)
-    found = _read(path)
-    starts = np.cumsum([0] + [len(vertices) for _, vertices, _ in found])
-    vertices = np.concatenate([vertices for _, vertices, _ in found])
-    faces = np.concatenate([faces + start for (_, _, faces), start in zip(found, starts, strict=False)])
+    vertices, faces = joined([(vertices, faces) for _, vertices, faces in _read(path)])
     mesh = Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name=path.stem, source=str(path), unit=unit, up=up)
     _check_extent(path, unit, mesh.bounds)
     return mesh
+
+
+def joined(pieces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices ``[V, 3]`` and faces ``[F, 3]`` of several pieces, at least one, as those of one; nothing is merged."""
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(pieces, starts, strict=False)])
+    return np.concatenate([vertices for vertices, _ in pieces]), faces
 
 
 def load_parts(path: str | Path, unit: str | None = None, up: str | None = None) -> dict[str, Mesh]:

@@ -23,6 +23,7 @@ from torch import Tensor
 from scenes.bake import Bake, bake, check_resolution
 from scenes.errors import UserError
 from scenes.field import DistanceField
+from scenes.frames import rotations
 from scenes.free_space import Rule, decide, signed_distance
 from scenes.grid import SdfGrid
 from scenes.mesh import Mesh
@@ -93,20 +94,12 @@ class Trajectory:
 
         By Rodrigues' formula the rotation is R exp(a [n]) = R + sin(a) R [n] + (1 - cos(a)) R [n]^2 after the angle a.
         """
-        w, x, y, z = self._unit.T
-        still = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        ).transpose(2, 0, 1)
         axis, angle = self._steps
         none = np.zeros(len(axis))
         cross = np.array(
             [[none, -axis[:, 2], axis[:, 1]], [axis[:, 2], none, -axis[:, 0]], [-axis[:, 1], axis[:, 0], none]]
         ).transpose(2, 0, 1)
-        still = still[: len(axis)]
+        still = rotations(self._unit[: len(axis)])
         return still, still @ cross, still @ cross @ cross, angle
 
     @cached_property
@@ -205,6 +198,11 @@ class MovingObject:
             return self.bake.grid
         assert not isinstance(self.shape, Mesh | Bake)
         return self.shape
+
+    @property
+    def lipschitz(self) -> float:
+        """The most by which `distance` changes over a metre, m/m: what its own field states, 1 for exact distances."""
+        return float(getattr(self.field, "lipschitz", 1.0))
 
     @cached_property
     def solid(self) -> Mesh:

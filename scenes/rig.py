@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
+from scenes.frames import transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,18 +89,3 @@ def tree_order(parents: Sequence[int]) -> list[int]:
     if len(order) < len(parents):
         raise ValueError("links are each other's parents")
     return order
-
-
-def transform(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points ``[*b, 3]`` carried by a transform ``[4, 4]``."""
-    moved: np.ndarray = points @ frame[:3, :3].T + frame[:3, 3]
-    return moved
-
-
-def rigid(frame: np.ndarray) -> np.ndarray:
-    """The rigid transform nearest to an affine one ``[4, 4]``: same origin, scale, shear and mirroring left out."""
-    u, _, v = np.linalg.svd(frame[:3, :3])
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = turn, frame[:3, 3]
-    return result

@@ -23,7 +23,7 @@ from scenes.lattice import Lattice
 from scenes.mesh import Mesh, load_mesh
 from scenes.moving import MovingObject
 from scenes.primitives import Capsule, Plane, Primitive, Sphere
-from scenes.surface import Surface
+from scenes.surface import Surface, thin_walls
 
 if TYPE_CHECKING:
     from scenes.floor import Floor
@@ -159,17 +159,22 @@ class Scene:
         tensor = torch.from_numpy(np.ascontiguousarray(points))
         when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
         results = [shape.distance(tensor, when).numpy() for shape in (*self.primitives, *self.planes)]
-        results += [signed_distance(surface, rule, points, self.thickness) for surface, rule in self._surfaces]
+        for surface, rule, walls in self._surfaces:
+            results.append(signed_distance(surface, rule, points))
+            if walls is not None:
+                results.append(walls.unsigned_distance(points) - self.thickness / 2)
         results += [thing.distance_exact(points, time) for thing in self.objects]
         nearest: np.ndarray = np.minimum.reduce(results)
         return nearest
 
     @cached_property
-    def _surfaces(self) -> tuple[tuple[Surface, Rule], ...]:
+    def _surfaces(self) -> tuple[tuple[Surface, Rule, Surface | None], ...]:
+        """Every mesh cleaned, which of its space is free, and its walls that are given a thickness."""
         found = []
         for mesh in self.meshes:
             surface = Surface.of(mesh)
-            found.append((surface, decide(surface, self._free_space_of(mesh), self._padded(mesh), mesh.name)))
+            rule = decide(surface, self._free_space_of(mesh), self._padded(mesh), mesh.name)
+            found.append((surface, rule, thin_walls(surface, self.thickness)))
         return tuple(found)
 
     def _free_space_of(self, mesh: Mesh) -> FreeSpace:

@@ -70,6 +70,12 @@ def sheets(surface: Surface, thickness: float) -> np.ndarray:
     return np.asarray(faces[thin[piece]])
 
 
+def thin_walls(surface: Surface, thickness: float | int) -> Surface | None:
+    """The `sheets` of a surface as one of their own; None without any, or where no thickness is wanted."""
+    thin = sheets(surface, thickness) if thickness > 0 else surface.faces[:0]
+    return surface.part(thin) if len(thin) else None
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """The triangles of a mesh, cleaned, around their own centre so that single precision suffices.
@@ -137,6 +143,17 @@ class Surface:
     def nearly_closed(self) -> bool:
         """Closed but for a few holes, as scans of rooms are."""
         return self.boundary_edges <= NEARLY_CLOSED * self.edges
+
+    def by_area(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """So many triangles at random, each as often as its share of the area, ``[count]``."""
+        total = np.cumsum(weld.areas(self.vertices, self.faces))
+        found = np.searchsorted(total, rng.uniform(0.0, total[-1], count), side="right")
+        return np.asarray(found.clip(max=len(total) - 1))
+
+    def points_on(self, triangles: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """A random point on each of some triangles, relative to `centre`, ``[n, 3]`` metres."""
+        shares = rng.dirichlet(np.ones(3), size=len(triangles))
+        return np.asarray(np.einsum("nk,nkc->nc", shares, self.vertices[self.faces[triangles]]))
 
     @cached_property
     def dipoles(self) -> Dipoles:

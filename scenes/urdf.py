@@ -12,7 +12,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.rig import Part, Rig, transform, tree_order
+from scenes.frames import transform
+from scenes.mesh import joined
+from scenes.rig import Part, Rig, tree_order
 
 Y_UP = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """From URDF's world (x forward, y left, z up) to ours (z forward, x left, y up)."""
@@ -98,10 +100,7 @@ def _part(link: Element, frame: np.ndarray, folder: Path) -> Part | None:
     solids = [_solid(shape, name, folder) for shape in shapes]
     if not solids:
         return None
-    starts = np.cumsum([0, *(len(vertices) for vertices, _ in solids)])
-    vertices = np.concatenate([vertices for vertices, _ in solids])
-    faces = np.concatenate([faces + start for (_, faces), start in zip(solids, starts, strict=False)])
-    return Part.of(str(link.get("name")), frame, vertices, faces)
+    return Part.of(str(link.get("name")), frame, *joined(solids))
 
 
 def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -151,11 +150,11 @@ def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.nd
         raise UserError(f"{what} cannot be read ({reason}); export it again") from error
     if not meshes:
         raise UserError(f"{what} has no triangles; export it with faces")
-    joined = trimesh.util.concatenate(meshes)
-    vertices = np.asarray(joined.vertices, dtype=np.float64) * scale
+    whole = trimesh.util.concatenate(meshes)
+    vertices = np.asarray(whole.vertices, dtype=np.float64) * scale
     if not np.isfinite(vertices).all():
         raise UserError(f"{what} has NaN or infinite coordinates; repair it")
-    faces = np.asarray(joined.faces, dtype=np.int64)
+    faces = np.asarray(whole.faces, dtype=np.int64)
     return vertices, faces if scale.prod() > 0 else faces[:, ::-1]
 
 

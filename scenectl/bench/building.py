@@ -19,7 +19,7 @@ from scenes.bake import bake
 from scenes.bake_blocks import bake_blocks
 from scenes.blocks import SdfBlocks
 from scenes.errors import UserError
-from scenes.mesh import Mesh
+from scenes.mesh import Mesh, joined
 from scenes.surface import Surface
 
 WIDTH, HEIGHT, STOREYS = 50.0, 20.0, 5
@@ -58,7 +58,8 @@ def building(seed: int = 0, width: float = WIDTH) -> Mesh:
             add += _stairs(corner, floor) if storey < STOREYS - 1 else []
     shell = _box((0, 0, 0), (width, HEIGHT, width))
     carved = shell - manifold3d.Manifold.batch_boolean(cut, manifold3d.OpType.Add)
-    return _joined([carved, *add], f"building {width:g} x {HEIGHT:g} x {width:g} m")
+    pieces = joined([_triangles(solid) for solid in (carved, *add)])
+    return Mesh(*pieces, f"building {width:g} x {HEIGHT:g} x {width:g} m")
 
 
 def _walls(rng: np.random.Generator, width: float) -> list[tuple[float, float]]:
@@ -137,14 +138,9 @@ def _box(low: Sequence[float | int] | np.ndarray, high: Sequence[float | int] | 
     return manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low))
 
 
-def _joined(solids: Sequence[Any], name: str) -> Mesh:
-    vertices, faces, count = [], [], 0
-    for solid in solids:
-        mesh = solid.to_mesh64()
-        vertices.append(np.asarray(mesh.vert_properties)[:, :3])
-        faces.append(np.asarray(mesh.tri_verts).astype(np.int64) + count)
-        count += len(vertices[-1])
-    return Mesh(np.concatenate(vertices), np.concatenate(faces), name)
+def _triangles(solid: Any) -> tuple[np.ndarray, np.ndarray]:
+    mesh = solid.to_mesh64()
+    return np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int64)
 
 
 # ------------------------------------------------------------------------------------------------------------ measuring
@@ -195,10 +191,7 @@ def bench_building(
 def _errors(field: SdfBlocks, mesh: Mesh, seed: int, samples: int = 6000) -> dict[str, Any]:
     """Errors (m, voxels) at points near the surface and at points anywhere, and wrong signs among both."""
     surface, rng = Surface.of(mesh), np.random.default_rng(seed)
-    corners = surface.vertices[surface.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    at = rng.choice(len(corners), samples, p=areas / areas.sum())
-    on = np.einsum("nk,nkc->nc", rng.dirichlet(np.ones(3), size=samples), corners[at]) + surface.centre
+    on = surface.points_on(surface.by_area(samples, rng), rng) + surface.centre
     near = on + rng.normal(0.0, 2 * field.spacing, (samples, 3))
     anywhere = rng.uniform(mesh.bounds[0], mesh.bounds[1], size=(samples, 3))
     points = np.concatenate([near, anywhere])

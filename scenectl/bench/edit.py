@@ -15,7 +15,7 @@ from scenectl.generators.base import Progress
 from scenes.assembly import Assembly
 from scenes.bake import bake
 from scenes.grid import SdfGrid
-from scenes.mesh import Mesh, load_parts
+from scenes.mesh import Mesh, joined, load_parts
 from scenes.scene import BUNDLED
 
 
@@ -54,7 +54,8 @@ def bench_edit(
             pose = _nudged(scene, name, rng) if what == "move" else np.eye(4)
             edit_s = _timed(lambda: _edited(scene, what, name, pose, meshes))[1]  # noqa: B023  # called at once
             full, full_s = _timed(scene.full)
-            whole = _joined([scene.mesh(part) for part in scene.names])
+            placed = [scene.mesh(part) for part in scene.names]
+            whole = Mesh(*joined([(part.vertices, part.faces) for part in placed]), "whole")
             whole_s = _timed(lambda: bake(whole, resolution, cache=None))[1]  # noqa: B023
             same = np.array_equal(_bits(full), _bits(scene))
             rows.append(
@@ -109,9 +110,3 @@ def _nudged(scene: Assembly, name: str, rng: np.random.Generator) -> np.ndarray:
 def _bits(scene: Assembly) -> np.ndarray:
     bits: np.ndarray = scene.grid.values.numpy().view(np.int32)
     return bits
-
-
-def _joined(meshes: list[Mesh]) -> Mesh:
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
-    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), faces, "whole")

@@ -86,12 +86,7 @@ class Picture:
             self._add_slice(plotter, self._hip_height, 0.0 if at is None else at)
         if show_signs:
             self._add_signs(plotter)
-        image = plotter.screenshot(return_img=True)
-        plotter.close()
-        from PIL import Image
-
-        with atomic_write(png) as file:
-            Image.fromarray(image).save(file, format="PNG")
+        write_png(plotter, png)
 
     def window(self, show_slice: bool = False, show_signs: bool = False) -> None:
         """Open a window with a time slider; s shows or hides the slice, c the clearances. Blocks until closed."""
@@ -201,14 +196,13 @@ class Picture:
     def _plotter(self, off_screen: bool, size: tuple[int, int]) -> Any:
         pv = load_pyvista(off_screen)
         plotter = pv.Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
-        plotter.set_background(_BACK, top=_HORIZON)
+        set_stage(plotter)
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
         return plotter
 
     def _add_scene(self, plotter: Any, camera: Camera, poses: list[int], opacity: float) -> None:
         """Solids (cut open towards the camera), the ground where the scene has no floor of its own, and light."""
-        plotter.camera.position, plotter.camera.focal_point = camera.position.tolist(), camera.target.tolist()
-        plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), ANGLE
+        look_from(plotter, camera)
         probes = np.concatenate([self._joints(frame) for frame in poses]) if poses else np.zeros((0, 3))
         for triangles, colours, pieces in self._solids:
             seen = triangles[:, :, 1].min(axis=1) < self._ceiling
@@ -499,6 +493,27 @@ class _Window:
             self.plotter.remove_actor(name, render=False)
         if self.slice:
             self.picture._add_slice(self.plotter, self.height, now)
+
+
+def set_stage(plotter: Any) -> None:
+    """The background of all pictures."""
+    plotter.set_background(_BACK, top=_HORIZON)
+
+
+def look_from(plotter: Any, camera: Camera) -> None:
+    """Put the plotter's camera where one was chosen."""
+    plotter.camera.position, plotter.camera.focal_point = camera.position.tolist(), camera.target.tolist()
+    plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), ANGLE
+
+
+def write_png(plotter: Any, png: str | Path) -> None:
+    """What a plotter shows as a file, written whole or not at all; closes the plotter."""
+    from PIL import Image
+
+    image = plotter.screenshot(return_img=True)
+    plotter.close()
+    with atomic_write(png) as file:
+        Image.fromarray(image).save(file, format="PNG")
 
 
 def add_light(plotter: Any, camera: Camera) -> None:

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from scenectl.view.camera import ANGLE, Sight, choose, triangles_to_vtk
-from scenectl.view.picture import SIZE, add_light, load_pyvista
+from scenectl.view.camera import Sight, choose, triangles_to_vtk
+from scenectl.view.picture import SIZE, add_light, load_pyvista, look_from, set_stage, write_png
 from scenectl.view.shapes import CLAY
-from scenes.files import atomic_write
 from scenes.proxies import Proxies
 from scenes.rig import Rig
 
@@ -19,11 +18,9 @@ _COLOURS = ("#2f7d6b", "#c8642b", "#3f6fb0", "#a5842a", "#7a5ea8", "#b0446a")
 
 def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, int] = SIZE) -> None:
     """A character at rest and the glassy capsules around it, a colour a link, as a PNG file."""
-    from PIL import Image
-
     pv = load_pyvista(off_screen=True)
     plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none")
-    plotter.set_background("#f4f2ee", top="#dfe5ea")
+    set_stage(plotter)
     plotter.enable_anti_aliasing("ssaa")  # multisampling and depth peeling exclude each other
     plotter.enable_depth_peeling(8)  # glass behind glass
     ends = proxies.place(proxies.frames).numpy()
@@ -31,8 +28,7 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
     reach = np.concatenate([(ends + s * radii[:, None, None]).reshape(-1, 3) for s in (-1.0, 1.0)])
     extent = float(np.ptp(reach, axis=0).max())
     camera = choose(reach, Sight(np.zeros((0, 3, 3)), False), np.zeros(2), size[0] / size[1], room=0.06 * extent)
-    plotter.camera.position, plotter.camera.focal_point = camera.position.tolist(), camera.target.tolist()
-    plotter.camera.up, plotter.camera.view_angle = (0.0, 1.0, 0.0), ANGLE
+    look_from(plotter, camera)
     plotter.add_mesh(triangles_to_vtk(rig.triangles), color=CLAY, ambient=0.36, diffuse=0.75, specular=0.03)
     colours = {part.link: _COLOURS[k % len(_COLOURS)] for k, part in enumerate(proxies.parts)}
     for (a, b), radius, link in zip(ends, radii, proxies.owners, strict=True):
@@ -41,10 +37,7 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
             smooth_shading=True, ambient=0.3, specular=0.2,
         )  # fmt: skip
     add_light(plotter, camera)
-    image = plotter.screenshot(return_img=True)
-    plotter.close()
-    with atomic_write(png) as file:
-        Image.fromarray(image).save(file, format="PNG")
+    write_png(plotter, png)
 
 
 def _capsule(pv: Any, a: np.ndarray, b: np.ndarray, radius: float) -> Any:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from scenes.kernels import helper, kernel
+from scenes.kernels.query import trilinear
 from scenes.kernels.triangles import framed, planar_squared, squared_distance
 
 CELL = 8
@@ -281,7 +282,7 @@ def filled(coarse, out):
                         for z in range(CELL + 1):
                             a, b, c = CELL * i + x, CELL * j + y, CELL * k + z
                             if np.isinf(out[a, b, c]):
-                                out[a, b, c] = _trilinear(coarse, i, j, k, 1, x / CELL, y / CELL, z / CELL)
+                                out[a, b, c] = trilinear(coarse, i, j, k, 1, x / CELL, y / CELL, z / CELL)
 
 
 @kernel
@@ -301,17 +302,6 @@ def settled(spacing, near, distance, coarse, keep):
 
 
 # ------------------------------------------------------------------------------------------------------------- levels
-
-
-@helper
-def _trilinear(v, i, j, k, s, x, y, z):
-    """Between the nodes of `v` at (i, j, k) and those `s` further on."""
-    a = v[i, j, k] + (v[i, j, k + s] - v[i, j, k]) * z
-    b = v[i, j + s, k] + (v[i, j + s, k + s] - v[i, j + s, k]) * z
-    c = v[i + s, j, k] + (v[i + s, j, k + s] - v[i + s, j, k]) * z
-    d = v[i + s, j + s, k] + (v[i + s, j + s, k + s] - v[i + s, j + s, k]) * z
-    e = a + (b - a) * y
-    return e + (c + (d - c) * y - e) * x
 
 
 @helper

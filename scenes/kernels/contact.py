@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from scenes.kernels import helper, kernel
+from scenes.kernels.query import trilinear
 
 SIDE = 4
 """Voxels along the edge of a block."""
@@ -58,13 +59,8 @@ def _sampled(values, origin, spacing, beyond, slopes, x, y, z):
     i, u, ox = _split((x - origin[0]) / spacing, values.shape[0])
     j, v, oy = _split((y - origin[1]) / spacing, values.shape[1])
     k, w, oz = _split((z - origin[2]) / spacing, values.shape[2])
-    a = values[i, j, k] + (values[i, j, k + 1] - values[i, j, k]) * w
-    b = values[i, j + 1, k] + (values[i, j + 1, k + 1] - values[i, j + 1, k]) * w
-    c = values[i + 1, j, k] + (values[i + 1, j, k + 1] - values[i + 1, j, k]) * w
-    d = values[i + 1, j + 1, k] + (values[i + 1, j + 1, k + 1] - values[i + 1, j + 1, k]) * w
-    near, far = a + (b - a) * v, c + (d - c) * v
-    value = near + (far - near) * u + beyond * spacing * math.sqrt(ox * ox + oy * oy + oz * oz)
-    return value, slopes[i // SIDE, j // SIDE, k // SIDE]
+    inside = trilinear(values, i, j, k, 1, u, v, w)
+    return inside + beyond * spacing * math.sqrt(ox * ox + oy * oy + oz * oz), slopes[i // SIDE, j // SIDE, k // SIDE]
 
 
 @helper

@@ -22,6 +22,17 @@ _ROWS = 15 * CHUNK
 
 
 @helper
+def trilinear(v, i, j, k, s, x, y, z):
+    """Between the nodes of `v` at (i, j, k) and those `s` further on."""
+    a = v[i, j, k] + (v[i, j, k + s] - v[i, j, k]) * z
+    b = v[i, j + s, k] + (v[i, j + s, k + s] - v[i, j + s, k]) * z
+    c = v[i + s, j, k] + (v[i + s, j, k + s] - v[i + s, j, k]) * z
+    d = v[i + s, j + s, k] + (v[i + s, j + s, k + s] - v[i + s, j + s, k]) * z
+    e = a + (b - a) * y
+    return e + (c + (d - c) * y - e) * x
+
+
+@helper
 def _located(local, axis, size, voxel, share):
     """Number of each point's voxel and where in it the point lies, along one axis; `local` becomes what lies outside.
 

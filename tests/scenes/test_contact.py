@@ -13,6 +13,7 @@ from scenes.errors import UserError
 from scenes.field import DistanceField
 from scenes.grid import SdfGrid
 from scenes.lattice import Lattice
+from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import Box, Plane, Sphere, Waypoints
 from scenes.scene import Scene
 
@@ -72,6 +73,15 @@ def test_a_point_without_direction_stays_and_says_so() -> None:
     between = Box((0.0, 0.0, 0.0), (9.0, 9.0, 1.0))
     found = closest_point(baked(between, 0.4, 6), torch.zeros(1, 3, dtype=torch.float64))
     assert not found.converged.any() and not found.normals.any() and not found.points.any()
+
+
+def test_moving_grids_are_as_steep_as_their_own() -> None:
+    still = Trajectory((0.0,), ((1.0, 0.0, 0.0),))
+    thing = MovingObject(Sphere((0, 0, 0), 0.3).mesh(), still, resolution=24, cache=None)
+    assert thing.bake is not None
+    assert lipschitz(thing) == lipschitz(thing.bake.grid) > 1
+    assert lipschitz(Scene(objects=[thing])) == lipschitz(thing)
+    assert lipschitz(MovingObject(Sphere((0, 0, 0), 0.3), still)) == 1
 
 
 def test_rays_meet_balls_where_they_should() -> None:

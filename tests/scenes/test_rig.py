@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from scenes.errors import UserError
+from scenes.frames import rigid, transform
 from scenes.gltf import read_rig
-from scenes.rig import rigid, transform, tree_order
+from scenes.rig import tree_order
 from scenes.skeleton import HUMANML3D
 from scenes.urdf import read_urdf
 from tests.scenes.rigs import ROBOT, Gltf, arm, humanoid, robot, standing
