@@ -25,7 +25,8 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
     plotter.enable_depth_peeling(8)  # glass behind glass
     ends = proxies.place(proxies.frames).numpy()
     radii = proxies.radii.numpy()
-    reach = np.concatenate([(ends + s * radii[:, None, None]).reshape(-1, 3) for s in (-1.0, 1.0)])
+    corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)  # of the box around each end's ball
+    reach = (ends[:, :, None] + radii[:, None, None, None] * corners).reshape(-1, 3)
     extent = float(np.ptp(reach, axis=0).max())
     camera = choose(reach, Sight(np.zeros((0, 3, 3)), False), np.zeros(2), size[0] / size[1], room=0.06 * extent)
     look_from(plotter, camera)
