@@ -26,6 +26,9 @@ Evaluate: TypeAlias = Callable[[Tensor, bool], tuple[Tensor, Tensor | None]]
 ENOUGH = 32_768
 """Points from which on a second thread pays."""
 
+CROWDED, APART = 64, 16
+"""Numbers in a row whose multiples crowd the caches (256 bytes), and those that a longer row has in addition."""
+
 
 class Interpolated(ABC):
     """A field read off stored nodes, whose gradient comes with its value; a grid says how in `_evaluate`."""
@@ -71,7 +74,8 @@ class SdfGrid(Interpolated):
     the mesh's bounds has to be assumed by whoever reads the array.
 
     Attributes:
-        values: signed distance at the nodes, metres, positive in free space, ``[X, Y, Z]`` float32.
+        values: signed distance at the nodes, metres, positive in free space, ``[X, Y, Z]`` float32; never to be
+            changed in place, as queries may keep a copy.
         origin: position of node ``[0, 0, 0]``, metres, world, ``[3]`` float64.
         spacing: edge of a voxel, metres.
         beyond: +1 where the space around the grid is free (an object), -1 where it is solid (around a room).
@@ -132,12 +136,12 @@ class SdfGrid(Interpolated):
         """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``, by the kernel where it can run."""
         if points.device.type != "cpu" or points.dtype not in (torch.float32, torch.float64):
             return interpolate(points, self._values_on(points.device), self, with_gradient)
-        value = points.new_empty(len(points))
-        gradient = points.new_empty((len(points) if with_gradient else 0, 3))
-        arrays = (*self._arrays, points.numpy().reshape(-1))
-        out = (value.numpy(), gradient.numpy().reshape(-1))
-        in_parts(len(points), lambda begin, end: interpolated(*arrays, begin, end, *out))
-        return value, gradient if with_gradient else None
+        count = len(points)
+        value, gradient = points.new_empty(count), points.new_empty(3 * count if with_gradient else 0)
+        given = (*self._arrays, points.view(-1).numpy())
+        out = (value.numpy(), gradient.numpy())
+        in_parts(count, lambda begin, end: interpolated(*given, begin, end, *out))
+        return value, gradient.view(count, 3) if with_gradient else None
 
     def lowest_on_way(
         self, ends: Float[Tensor, "n 4 3"], enough: Float[Tensor, " n"], tolerance: float | int
@@ -189,10 +193,19 @@ class SdfGrid(Interpolated):
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:
-        """What kernels ask for: flat values, shape, origin, spacing, sign beyond."""
-        values = self.values.detach().cpu().numpy().reshape(-1)
-        shape = tuple(int(n) for n in self.values.shape)
-        return values, shape, self.origin.cpu().numpy(), float(self.spacing), float(self.beyond)
+        """What queries ask for: flat values, nodes along each axis and numbers in a row, origin, spacing, sign beyond.
+
+        Where rows begin at multiples of a large power of two, the neighbours of a point compete for the same few places
+        of the processor's caches; such a grid is kept a second time, with longer rows, once it is queried.
+        """
+        values = self.values.detach().cpu().numpy()
+        *plane, row = values.shape
+        if row % CROWDED == 0:
+            spread = np.zeros((*plane, row + APART), dtype=values.dtype)
+            spread[..., :row] = values
+            values = spread
+        shape = (*plane, row, values.shape[-1])
+        return values.reshape(-1), shape, self.origin.cpu().numpy(), float(self.spacing), float(self.beyond)
 
     def _values_on(self, device: torch.device) -> Tensor:
         if device == self.values.device:
@@ -240,13 +253,13 @@ class Interpolant(torch.autograd.Function):
         value, gradient = evaluate(flat(points), points.requires_grad)
         if gradient is not None:
             ctx.save_for_backward(points, gradient)
-        return value.reshape(points.shape[:-1])
+        return value.view(points.shape[:-1])
 
     @staticmethod
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
         points, gradient = ctx.saved_tensors
         if not torch.is_grad_enabled():  # nobody can ask for a second derivative
-            return (gradient * grad_output.reshape(-1, 1)).reshape(points.shape), None
+            return _scaled(points, gradient, grad_output), None
         return _Scaled.apply(points, gradient, grad_output), None  # type: ignore[no-untyped-call]
 
 
@@ -259,7 +272,7 @@ class _Scaled(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, points: Tensor, gradient: Tensor, grad_output: Tensor) -> Tensor:
-        return (gradient * grad_output.reshape(-1, 1)).reshape(points.shape)
+        return _scaled(points, gradient, grad_output)
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: Tensor) -> None:
@@ -269,9 +282,14 @@ class _Scaled(torch.autograd.Function):
         )
 
 
+def _scaled(points: Tensor, gradient: Tensor, grad_output: Tensor) -> Tensor:
+    return gradient.view(points.shape) * grad_output.unsqueeze(-1)
+
+
 def flat(points: Tensor) -> Tensor:
     """Points ``[n, 3]`` in one piece, outside autograd."""
-    return points.detach().reshape(-1, 3).contiguous()
+    plain = points.detach()
+    return plain if plain.ndim == 2 and plain.is_contiguous() else plain.reshape(-1, 3).contiguous()
 
 
 def in_parts(count: int, work: Callable[[int, int], Any]) -> None:

@@ -33,12 +33,13 @@ def trilinear(v, i, j, k, s, x, y, z):
 
 
 @helper
-def _located(local, axis, size, voxel, share):
+def _located(local, axis, size, places, voxel, share):
     """Number of each point's voxel and where in it the point lies, along one axis; `local` becomes what lies outside.
 
+    The axis has `size` nodes, and `places` for them in memory.
     What is not a number lies in voxel 0, and stays what it is in `local`.
     """
-    edge, across = np.int32(size - 2), np.int32(size)
+    edge, across = np.int32(size - 2), np.int32(places)
     last = share.dtype.type(size - 1)
     zero = last - last
     row = axis * CHUNK
@@ -65,9 +66,9 @@ def _prepared(points, begin, count, shape, origin, over, local, voxel, share):
         local[CHUNK + i] = (points[at + np.uint64(1)] - oy) * over
         local[2 * CHUNK + i] = (points[at + np.uint64(2)] - oz) * over
     voxel[:] = 0
-    _located(local, 0, shape[0], voxel, share)
-    _located(local, 1, shape[1], voxel, share)
-    _located(local, 2, shape[2], voxel, share)
+    _located(local, 0, shape[0], shape[0], voxel, share)
+    _located(local, 1, shape[1], shape[1], voxel, share)
+    _located(local, 2, shape[2], shape[3], voxel, share)
     outside = 0
     for i in range(3 * CHUNK):
         outside += np.int64(local[i] != 0.0)
@@ -114,8 +115,8 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
     """Value of points ``begin .. end``, and their gradient unless `gradient` is empty.
 
     Args:
-        values: of all nodes, flat.
-        shape: nodes along x, y, z.
+        values: of all nodes, flat; behind each row along z there may be numbers that mean nothing.
+        shape: nodes along x, y, z, and numbers in a row along z.
         origin: of node 0, double.
         spacing: metres a voxel.
         beyond: sign of the distance that is added outside.
@@ -129,11 +130,10 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
     for first in range(begin, end, CHUNK):
         count = min(CHUNK, end - first)
         outside = _prepared(points, first, count, shape, origin, 1.0 / spacing, local, voxel, scratch)
-        _fetched(values, voxel, count, shape[1], shape[2], scratch)
+        _fetched(values, voxel, count, shape[1], shape[3], scratch)
         _summed(scratch, over)
         if outside:
-            for i in range(count):
-                _leave(local, i, spacing, beyond, scratch)
+            _leave(local, scratch.dtype.type(spacing), scratch.dtype.type(beyond), scratch)
         for i in range(count):
             value[first + i] = scratch[_VALUE + i]
         if len(gradient) > 0:
@@ -145,19 +145,21 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
 
 
 @helper
-def _leave(local, i, spacing, beyond, s):
-    """Add the way from the grid to a point outside; along axes on which it was moved, only that way changes."""
-    bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
-    away = math.sqrt(bx * bx + by * by + bz * bz)
-    if away == 0.0:
-        return
-    s[_VALUE + i] += beyond * away
-    if bx != 0.0:
-        s[_DX + i] = beyond * bx / away
-    if by != 0.0:
-        s[_DY + i] = beyond * by / away
-    if bz != 0.0:
-        s[_DZ + i] = beyond * bz / away
+def _leave(local, spacing, beyond, s):
+    """Add the way from the grid to points outside; along axes on which one was moved, only that way changes.
+
+    Without a branch, for all of a chunk: few of its points are outside, but which ones nobody can guess.
+    """
+    zero, one = s.dtype.type(0), s.dtype.type(1)
+    for i in range(CHUNK):
+        bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
+        away = math.sqrt(bx * bx + by * by + bz * bz)
+        s[_VALUE + i] += beyond * away
+        turn = beyond / (away if away != zero else one)
+        dx, dy, dz = s[_DX + i], s[_DY + i], s[_DZ + i]
+        s[_DX + i] = bx * turn if bx != zero else dx
+        s[_DY + i] = by * turn if by != zero else dy
+        s[_DZ + i] = bz * turn if bz != zero else dz
 
 
 @kernel
@@ -172,7 +174,7 @@ def curved(values, shape, origin, spacing, beyond, points, vectors, begin, end, 
     for first in range(begin, end, CHUNK):
         count = min(CHUNK, end - first)
         _prepared(points, first, count, shape, origin, 1.0 / spacing, local, voxel, s)
-        _fetched(values, voxel, count, shape[1], shape[2], s)
+        _fetched(values, voxel, count, shape[1], shape[3], s)
         for i in range(count):
             xy, xz, yz = _mixed(s, i, 1.0 / (spacing * spacing))
             bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing

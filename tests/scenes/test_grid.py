@@ -11,7 +11,7 @@ from torch import Tensor
 
 from scenes import grid as grids
 from scenes.errors import UserError
-from scenes.grid import SdfGrid, interpolate
+from scenes.grid import CROWDED, SdfGrid, interpolate
 
 ORIGIN, SPACING, SHAPE = (-0.3, 1.2, 5.0), 0.17, (5, 4, 6)
 
@@ -126,6 +126,18 @@ def test_the_kernel_equals_torch_everywhere(beyond: float, dtype: torch.dtype) -
         gradient[outside], naive_gradient[outside], **{**tolerance, "atol": tolerance["atol"] * 30}
     )
     torch.testing.assert_close(grid.distance(points), value, atol=0, rtol=0)
+
+
+@pytest.mark.parametrize("row", [CROWDED, 2 * CROWDED, CROWDED - 1])
+def test_long_rows_are_read_at_their_own_place(row: int) -> None:
+    values = torch.rand(4, 5, row) - 0.5
+    grid = SdfGrid(values, torch.tensor([0.3, -2.0, 1.0], dtype=torch.float64), 0.1)
+    share = torch.rand(4000, 3, dtype=torch.float64)
+    points = grid.origin + (1.4 * share - 0.2) * 0.1 * torch.tensor(values.shape)
+    expected = interpolate(points, grid.values, grid, with_gradient=True)
+    for ours, theirs in zip(grid.value_and_gradient(points), expected, strict=True):
+        torch.testing.assert_close(ours, theirs, atol=1e-12, rtol=1e-12)
+    torch.testing.assert_close(grid.values, values, atol=0, rtol=0)
 
 
 def test_strided_points_and_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
