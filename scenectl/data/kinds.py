@@ -1,0 +1,44 @@
+"""Kinds of motion: what a clip shows, in words few enough to balance training by and to score a generator with."""
+
+from __future__ import annotations
+
+import re
+
+from scenectl.data.corpus import Clip
+
+REST = "other"
+"""Kind of clips that no group claims."""
+
+_GROUPS = {
+    "get up": r"get.?up|lie|fall|death|slip",
+    "acrobatics": r"cartwheel|flip|hand ?stand|hand ?spring|acrobatic|roll|swing|helicopter|jump ?twist",
+    "ball": r"basketball|soccer|throw",
+    "fight": r"box|punch|kick|sword|empi|gedan|heian|mawashi|oiduki|syutouuke|yokogeri",
+    "dance": r"dance|ymca",
+    "climb": r"climb|playground",
+    "squat": r"squat1",
+    "exercise": r"jumping jacks|elbow|rotate ?arms|range of motion|motorcycle",
+    "hop": r"hop|jump|leap",
+    "sit": r"^sit|kneel",
+    "mimicry": r"human subject|nursery|alaskan|zombie|crawl",
+    "reach": r"grab|deposit|reach|scoop|drink|wash|mop|push|interact",
+    "gesture": r"traffic|laugh|talk|idle|balance",
+    "sneak": r"sneak|stealthy|crouch|low_walk",
+    "run": r"run|jog",
+    "turn": r"turn|veer|\d\d|left|(?<!st)right|spiral|navigate|figure eight|spin",
+    "walk": r"walk|stride",
+}
+"""Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
+
+
+def kind(source: str, label: str) -> str:
+    """Kind of a clip: Bandai's content ("bandai: walk-turn-left"), elsewhere a group ("walk", "dance", ...)."""
+    if source == "bandai":
+        return f"bandai: {label}"
+    words = label.lower()
+    return next((name for name, pattern in _GROUPS.items() if re.search(pattern, words)), REST)
+
+
+def kind_of(clip: Clip) -> str:
+    """Kind of a clip by its source and label."""
+    return kind(clip.source, clip.label)
