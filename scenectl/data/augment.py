@@ -1,4 +1,4 @@
-"""Copies of clips that stay physical: mirrored, bent paths, other speeds."""
+"""Copies of clips that stay physical: mirrored, bent paths, other speeds, edited poses."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import random
 from collections.abc import Sequence
 
 import torch
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from scenectl.data.corpus import Clip, bent, mirrored, retimed
+from scenectl.data.kinds import kind_of
+from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
+
+SHORTEST_EDIT = 40
+"""Frames a walk needs for a pose edit to show."""
 
 
 class Augmentation(BaseModel):
@@ -21,6 +26,7 @@ class Augmentation(BaseModel):
         min_travel: metres a clip must travel along +z to be bent.
         max_sideways: metres a clip may leave the z axis to be bent; the map folds far from it.
         speed: each bent copy is also resampled by a factor drawn from 1/speed .. speed.
+        crouch, duck, sidestep, reach: share of the walks that get a copy with this pose edit (0 to 1).
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -31,6 +37,10 @@ class Augmentation(BaseModel):
     min_travel: float = 1.0
     max_sideways: float = 1.0
     speed: float = 1.15
+    crouch: float = Field(default=0.5, ge=0, le=1)
+    duck: float = Field(default=0.5, ge=0, le=1)
+    sidestep: float = Field(default=0.5, ge=0, le=1)
+    reach: float = Field(default=0.5, ge=0, le=1)
 
 
 def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[Clip]:
@@ -39,9 +49,26 @@ def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[
     out = list(clips)
     for clip in clips:
         out += [copy for _ in range(settings.bend) if (copy := _bent_copy(clip, settings, draw)) is not None]
+    out += _edited_copies(clips, settings, draw)
     if settings.mirror:
         out += [mirrored(clip) for clip in out]
     return out
+
+
+def _edited_copies(clips: Sequence[Clip], settings: Augmentation, draw: random.Random) -> list[Clip]:
+    edits = {
+        crouched: settings.crouch,
+        ducking: settings.duck,
+        sidestepping: settings.sidestep,
+        reaching: settings.reach,
+    }
+    walks = [clip for clip in clips if _walks(clip) and clip.frames >= SHORTEST_EDIT]
+    copies = (edit(clip, draw) for clip in walks for edit, share in edits.items() if draw.random() < share)
+    return [copy for copy in copies if copy is not None]
+
+
+def _walks(clip: Clip) -> bool:
+    return kind_of(clip).removeprefix("bandai: ").split("-")[0] in ("walk", "turn")
 
 
 def _bent_copy(clip: Clip, settings: Augmentation, draw: random.Random) -> Clip | None:

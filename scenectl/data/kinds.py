@@ -31,8 +31,15 @@ _GROUPS = {
 """Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
 
 
+EDITS = ("crouch", "duck", "sidestep", "reach")
+"""Pose edits, which end the labels of the copies they make and are kinds of their own."""
+
+
 def kind(source: str, label: str) -> str:
     """Kind of a clip: Bandai's content ("bandai: walk-turn-left"), elsewhere a group ("walk", "dance", ...)."""
+    edit = label.rpartition(", ")[2]
+    if edit in EDITS:
+        return edit
     if source == "bandai":
         return f"bandai: {label}"
     words = label.lower()

@@ -19,9 +19,10 @@ from torch import Tensor
 from scenectl.data.augment import Augmentation, augmented
 from scenectl.data.corpus import CREDITS, Clip, load_motions
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
+from scenectl.data.kinds import kind_of
 from scenes.errors import UserError
 
-_FORMAT = 4
+_FORMAT = 5
 """Raised whenever prepared data must be made again."""
 
 
@@ -57,6 +58,12 @@ class Windows:
     @property
     def hours(self) -> float:
         return len(self.features) / FPS / 3600
+
+    @property
+    def recorded_hours(self) -> float:
+        """Hours without the augmented copies, whose names carry a suffix."""
+        recorded = torch.tensor(["~" not in name for name in self.ids])
+        return float(self.lengths[recorded].sum()) / FPS / 3600
 
     def statistics(self) -> tuple[Float[Tensor, "263"], Float[Tensor, "263"]]:
         """Mean of each feature, and its standard deviation averaged within each group of the layout."""
@@ -98,11 +105,6 @@ class Windows:
         return room / size[index].clamp_min(1e-9).sqrt()
 
 
-def _group(clip: Clip) -> str:
-    """Bandai's labels are kinds of motion; elsewhere labels are nearly unique, so the source is the group."""
-    return f"{clip.source}: {clip.label}" if clip.source == "bandai" else clip.source
-
-
 def prepare(
     folder: Path,
     splits: Sequence[str],
@@ -140,7 +142,7 @@ def _store(clips: Sequence[Clip], path: Path) -> None:
     features = [joints_to_features(clip.joints).numpy() for clip in clips]
     about = {
         "captions": [list(clip.captions) for clip in clips],
-        "groups": [_group(clip) for clip in clips],
+        "groups": [kind_of(clip) for clip in clips],
         "sources": [clip.source for clip in clips],
         "ids": [clip.id for clip in clips],
         "licences": [clip.licence for clip in clips],
