@@ -200,6 +200,27 @@ def posterior(
     )
 
 
+@bench.command()
+def gallery(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the page and its pictures.")],
+    samples: Annotated[int, typer.Option(min=1, help="Motions of each prompt.")] = 3,
+    data: Annotated[
+        Path | None, typer.Option("--data", help="Motion collection: also draw what pose edits make of a walk.")
+    ] = None,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+) -> None:
+    """A page of twelve prompts with three samples each, good and bad: nothing is picked."""
+    from scenectl.bench.gallery import draw_edits, draw_gallery
+
+    with bars() as tell:
+        page = draw_gallery(_generator(weights, threads), output, samples, seed, tell)
+    if data is not None:
+        draw_edits(data, output / "edits.png", seed)
+    out.print(f"wrote {page}")
+
+
 def train(
     stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer or export.")],
     data: Data = DATA,

@@ -13,7 +13,7 @@ from scenectl.training.dataset import Windows, census, prepare
 from scenes.errors import UserError
 from tests.scenectl.training.folder import walks
 
-PLAIN = Augmentation(mirror=False, bend=0)
+PLAIN = Augmentation(mirror=False, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
 
 
 def numbered(lengths: list[int], groups: list[str]) -> Windows:
@@ -87,9 +87,9 @@ def test_statistics_are_means_and_grouped_deviations() -> None:
 def test_a_folder_becomes_windows(tmp_path: Path) -> None:
     data = prepare(walks(tmp_path / "data"), ["train"], PLAIN, tmp_path / "cache", 0)
     assert data.lengths.tolist() == [49 + 6 * i for i in range(5)]
-    assert data.groups == ["cmu", "bandai: walk-turn-left", "cmu", "bandai: walk", "cmu"]
+    assert data.groups == ["walk", "bandai: walk-turn-left", "walk", "bandai: walk", "walk"]
     assert census(data) == {"cmu": 49 + 61 + 73, "bandai": 55 + 67}
-    assert data.hours == pytest.approx(sum(data.lengths.tolist()) / 72000)
+    assert data.hours == data.recorded_hours == pytest.approx(sum(data.lengths.tolist()) / 72000)
     joints = features_to_joints(data.features[: data.starts[1]])
     assert float(joints[-1, 0, 2]) == pytest.approx(48 / 20 * 0.9, abs=0.02)
 
@@ -111,6 +111,7 @@ def test_prepared_data_is_kept_and_made_again_when_anything_changes(tmp_path: Pa
     assert len(list(cache.iterdir())) == 1
     more = prepare(folder, ["train"], Augmentation(bend=1), cache, 0)
     assert len(more.ids) > len(first.ids) and {i for i in more.ids if i.endswith("~m")}
+    assert more.recorded_hours == pytest.approx(first.hours) and more.hours > 1.9 * first.hours
     prepare(folder, ["test"], None, cache, 0)
     prepare(folder, ["train"], PLAIN, cache, 1)
     assert len(list(cache.iterdir())) == 4
