@@ -186,7 +186,7 @@ def building(
 
 @bench.command()
 def posterior(
-    generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 6,
+    generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 8,
     seed: Seed = 0,
     weights: Weights = "default",
     threads: Threads = None,
