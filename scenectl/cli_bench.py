@@ -200,6 +200,39 @@ def posterior(
     )
 
 
+@bench.command("generator")
+def generator_bench(
+    data: Data = DATA,
+    clips: Annotated[int | None, typer.Option(min=1, help="Test clips. Default: all.")] = None,
+    evaluator: Annotated[str, typer.Option(help="own, or guo with --evaluator-folder.")] = "own",
+    evaluator_folder: Annotated[Path | None, typer.Option(help="Where the evaluator's weights lie.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Of everything random; intervals come from them.")] = 20,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+    json_file: Json = None,
+    plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the confusion of kinds to this file.")] = None,
+) -> None:
+    """All of the evaluation: errors, standard metrics, plausibility, kinds, beside real motions and baselines."""
+    from scenectl.bench.generator import bench_generator, plot
+    from scenectl.evaluation.evaluator import load_evaluator
+    from scenectl.evaluation.kinds import load_classifier
+
+    judge = load_evaluator(evaluator, evaluator_folder)
+    classifier = load_classifier(evaluator_folder or "evaluator" if evaluator == "own" else "evaluator")
+    with bars() as tell:
+        result = bench_generator(
+            _generator(weights, threads), judge, classifier, data, clips, repeats, seed, tell
+        )  # fmt: skip
+    out.print(
+        literal(f"evaluator: {result['evaluator']}; {result['clips']} test clips; never beside published figures")
+    )
+    _show(result, json_file)
+    if plot_file is not None:
+        plot(result, plot_file)
+        out.print(f"wrote {plot_file}")
+
+
 @bench.command()
 def gallery(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the page and its pictures.")],

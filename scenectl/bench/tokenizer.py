@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from scenectl.models.bundle import load_bundle
+from scenectl.models.bundle import Bundle, load_bundle
 from scenectl.training.dataset import prepare
 from scenectl.training.tokenizer import reconstruction_error
 from scenes.bake import default_cache
 
 
-def bench_tokenizer(weights: str | Path, data: str | Path, frames: tuple[int, ...] = (64, 128, 196)) -> dict[str, Any]:
+def bench_tokenizer(
+    weights: str | Path | Bundle, data: str | Path, frames: tuple[int, ...] = (64, 128, 196)
+) -> dict[str, Any]:
     """Mean joint error (m) over the first frames of every test clip that is long enough, by source and length."""
-    tokenizer = load_bundle(weights).tokenizer
+    tokenizer = (weights if isinstance(weights, Bundle) else load_bundle(weights)).tokenizer
     windows = prepare(Path(data), ["test"], None, default_cache() / "windows", 0)
     rows = [
         {"frames": length, "set": name, **figures}

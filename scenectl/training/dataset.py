@@ -162,7 +162,8 @@ def _load(path: Path) -> Windows:
     try:
         with safe_open(path, framework="pt") as file:
             about = json.loads(file.metadata()["about"])
-            windows = Windows(file.get_tensor("features"), file.get_tensor("starts"), **about)
+            # A copy: rows are read at random for hours, and a mapped file's pages may be evicted in the meantime.
+            windows = Windows(file.get_tensor("features").clone(), file.get_tensor("starts").clone(), **about)
     except (SafetensorError, KeyError, TypeError, ValueError, OSError) as error:
         raise UserError(f"prepared data '{path}' is damaged; delete it and run again") from error
     if windows.features.shape[-1] != FEATURES:

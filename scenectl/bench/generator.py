@@ -1,0 +1,236 @@
+"""All that is measured about a generator, in one run, beside real motions, reconstructions and random tokens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenectl.bench.posterior import bench_posterior
+from scenectl.bench.tokenizer import bench_tokenizer
+from scenectl.data.features import FPS
+from scenectl.evaluation.evaluator import Evaluator
+from scenectl.evaluation.kinds import Confusion, KindClassifier
+from scenectl.evaluation.metrics import (
+    Estimate,
+    diversity,
+    frechet_distance,
+    multimodal_distance,
+    multimodality,
+    r_precision,
+    repeated,
+)
+from scenectl.evaluation.plausibility import plausibility
+from scenectl.evaluation.sets import MotionSet, Tell, TestClips, generated, of_random_tokens, real, reconstructed
+from scenectl.generators.mscot import MSCoT
+from scenectl.models.tokenizer import Tokenizer
+from scenectl.training.dataset import Windows, prepare
+from scenes.bake import default_cache
+from scenes.files import atomic_write
+from scenes.motion import Pose2D
+
+MULTIMODAL = (20, 10)
+"""Prompts and motions of each behind multimodality."""
+FINER = 3
+"""Code use counts at the scales beyond this one; the coarsest have too few positions to need all codes."""
+
+
+def bench_generator(
+    generator: MSCoT,
+    evaluator: Evaluator,
+    classifier: KindClassifier,
+    data: Path,
+    clips: int | None = None,
+    repeats: int = 20,
+    seed: int = 0,
+    tell: Tell | None = None,
+) -> dict[str, Any]:
+    """Evaluate a model on the test split.
+
+    One motion is generated for each test clip, from its caption and of its length. R-precision and diversity are
+    repeated over what is drawn; FID is repeated over bootstrap samples of both sets beside its value on the whole sets.
+
+    Args:
+        generator: the model.
+        evaluator: behind FID, R-precision, distances; its name stands in the result.
+        classifier: of kinds of motion, frozen.
+        data: folder of the motion collection.
+        clips: at most so many test clips, by default all.
+        repeats: of everything random.
+        seed: of generated motions and draws.
+        tell: called with what is being done and the share done.
+
+    Returns:
+        ``{"summary", "rows", "evaluator", "kinds", "code_use", "reconstruction", "posterior"}``, a row for each set.
+    """
+    tell = tell or (lambda what, done: None)
+    tokenizer, cache = generator.bundle.tokenizer, default_cache() / "windows"
+    test = TestClips.of(prepare(data, ["test"], None, cache, 0), seed, clips)
+    tell("reading motions", 0.0)
+    sets = [
+        real(test), reconstructed(test, tokenizer), of_random_tokens(test, tokenizer, seed),
+        generated(test, generator, seed, tell),
+    ]  # fmt: skip
+    tell("scoring", 0.0)
+    texts = evaluator.embed_texts(test.captions)
+    points = [evaluator.embed_motions(s.features) for s in sets]
+    rows = [_row(s, p, points[0], texts, repeats, seed) for s, p in zip(sets, points, strict=True)]
+    rows[-1]["multimodality"] = _multimodality(generator, evaluator, test, seed)
+    confusion = {s.name: Confusion.of(classifier.kinds, test.kinds, classifier.predict(s.features)) for s in sets}
+    for row in rows:
+        row["label_recall"] = confusion[str(row["set"])].macro_recall
+    reconstruction = bench_tokenizer(generator.bundle, data)
+    use = code_use(tokenizer, prepare(data, ["train"], None, cache, 0))
+    posterior = bench_posterior(generator, seed=seed, progress=tell)
+    return {
+        "summary": _summary(rows, reconstruction["summary"], use, posterior["summary"]),
+        "rows": rows,
+        "evaluator": evaluator.name,
+        "clips": len(test.captions),
+        "kinds": {name: _kinds(found) for name, found in confusion.items()},
+        "code_use": use,
+        "reconstruction": reconstruction["rows"],
+        "posterior": posterior["rows"],
+    }
+
+
+def _row(
+    motions: MotionSet,
+    points: Float[Tensor, "N d"],
+    truth: Float[Tensor, "N d"],
+    texts: Tensor,
+    repeats: int,
+    seed: int,
+) -> dict[str, Any]:
+    """Everything about one set; intervals are half-widths at 95 %."""
+    ranks = [r_precision(texts, points, torch.Generator().manual_seed(seed + i)) for i in range(repeats)]
+    top3 = repeated(lambda draw: float(ranks[draw.initial_seed() - seed][2]), repeats, seed)
+    varied = repeated(lambda draw: diversity(points, draw), repeats, seed)
+    spread = repeated(lambda draw: _bootstrapped(points, truth, draw), repeats, seed)
+    figures = {name: float(value.mean()) for name, value in plausibility(motions.padded).items()}
+    return {
+        "set": motions.name,
+        "fid": frechet_distance(points, truth),
+        **_estimate("fid_bootstrap", spread),
+        "r_precision_top1": float(torch.stack(ranks)[:, 0].mean()),
+        "r_precision_top2": float(torch.stack(ranks)[:, 1].mean()),
+        **_estimate("r_precision_top3", top3),
+        "multimodal_distance": multimodal_distance(texts, points),
+        **_estimate("diversity", varied),
+        "multimodality": None,
+        **figures,
+    }
+
+
+def _estimate(name: str, figure: Estimate) -> dict[str, float]:
+    return {name: figure.mean, f"{name}_interval": figure.interval}
+
+
+def _bootstrapped(points: Tensor, truth: Tensor, draw: torch.Generator) -> float:
+    a, b = (x[torch.randint(len(x), (len(x),), generator=draw)] for x in (points, truth))
+    return frechet_distance(a, b)
+
+
+def _multimodality(generator: MSCoT, evaluator: Evaluator, test: TestClips, seed: int) -> float:
+    """Spread of motions of the same prompt, over prompts that differ."""
+    draw = torch.Generator().manual_seed(seed)
+    prompts, samples = MULTIMODAL
+    order = torch.randperm(len(test.captions), generator=draw).tolist()
+    chosen = list({test.captions[i]: i for i in order}.values())[:prompts]
+    points = []
+    for i in chosen:
+        made = generator.generate(
+            test.captions[i], len(test.features[i]) / FPS, Pose2D(), samples=samples, seed=seed + i
+        )
+        points.append(evaluator.embed_motions(MotionSet.of("", list(made.motion.joints)).features))
+    return multimodality(torch.stack(points), draw)
+
+
+@torch.no_grad()
+def code_use(tokenizer: Tokenizer, windows: Windows, frames: int = 64) -> list[dict[str, float]]:
+    """Share of the codes that each scale uses, and its perplexity, over all windows of `frames` frames of all clips.
+
+    Windows overlap by half, so that every motion is seen at more than one place.
+    """
+    scales, codes = tokenizer.quantiser.scales, tokenizer.config.codes
+    counts = torch.zeros(scales, codes)
+    starts = [
+        first + offset
+        for first, length in zip(windows.starts[:-1].tolist(), windows.lengths.tolist(), strict=True)
+        for offset in range(0, length - frames + 1, frames // 2)
+    ]
+    for part in torch.tensor(starts).split(128):
+        tokens = tokenizer.encode(windows.features[part[:, None] + torch.arange(frames)])
+        for k, t in enumerate(tokens):
+            counts[k] += torch.bincount(t.flatten(), minlength=codes)
+    share = counts / counts.sum(1, keepdim=True)
+    entropy = -(share * share.clamp_min(1e-12).log()).sum(1)
+    return [
+        {"scale": k + 1, "used": float((counts[k] > 0).float().mean()), "perplexity": float(entropy[k].exp())}
+        for k in range(scales)
+    ]
+
+
+def _kinds(found: Confusion) -> dict[str, Any]:
+    recall = found.recall()
+    return {
+        "macro_recall": found.macro_recall,
+        "recall": recall,
+        "worst": min(recall, key=lambda kind: recall[kind]) if recall else None,
+        "kinds": list(found.kinds),
+        "confusion": found.counts.tolist(),
+    }
+
+
+def _summary(
+    rows: Sequence[Mapping[str, Any]],
+    reconstruction: Mapping[str, Any],
+    use: Sequence[Mapping[str, float]],
+    posterior: Mapping[str, float],
+) -> dict[str, Any]:
+    truth, rebuilt, random, made = rows
+    return {
+        "reconstruction_error_m": reconstruction["reconstruction_error_m"],
+        "reconstruction_error_other_m": reconstruction["reconstruction_error_other_m"],
+        "code_use": min(row["used"] for row in use[FINER:]),
+        "skating_ratio": made["skating_ratio"],
+        "skating_ratio_real": truth["skating_ratio"],
+        "max_acceleration_m_per_frame2": made["max_acceleration_m_per_frame2"],
+        "max_acceleration_real_m_per_frame2": truth["max_acceleration_m_per_frame2"],
+        "fid": made["fid"],
+        "fid_reconstruction": rebuilt["fid"],
+        "fid_random_tokens": random["fid"],
+        "r_precision_top3": made["r_precision_top3"],
+        "r_precision_top3_real": truth["r_precision_top3"],
+        "label_recall": made["label_recall"],
+        "label_recall_real": truth["label_recall"],
+        "posterior_kl": posterior["kl_nats"],
+    }
+
+
+def plot(result: Mapping[str, Any], png: str | Path) -> None:
+    """Confusion of kinds, real motions beside generated ones, to a picture."""
+    from matplotlib.figure import Figure  # without pyplot, so that no window system is asked for
+
+    figure = Figure(figsize=(15, 7.5), layout="constrained")
+    shown = [name for name in result["kinds"]["real"]["kinds"] if _seen(result, name)]
+    for axis, name in zip(figure.subplots(1, 2), ("real", "generated"), strict=True):
+        found = result["kinds"][name]
+        keep = [found["kinds"].index(kind) for kind in shown]
+        counts = torch.tensor(found["confusion"], dtype=torch.float32)[keep][:, keep]
+        axis.imshow(counts / counts.sum(1, keepdim=True).clamp_min(1), cmap="Blues", vmin=0, vmax=1)
+        axis.set_xticks(range(len(shown)), shown, rotation=90, fontsize=7)
+        axis.set_yticks(range(len(shown)), shown, fontsize=7)
+        axis.set(title=f"{name}: macro recall {found['macro_recall']:.2f}", xlabel="taken for", ylabel="is")
+    with atomic_write(png) as file:
+        figure.savefig(file, format=Path(png).suffix.lstrip(".") or "png", dpi=100)
+
+
+def _seen(result: Mapping[str, Any], kind: str) -> bool:
+    found = result["kinds"]["real"]
+    place = found["kinds"].index(kind)
+    return sum(found["confusion"][place]) > 0

@@ -1,0 +1,98 @@
+"""A classifier of kinds of motion, trained on real motions and then frozen: does a sample show what was asked for?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from pydantic import ValidationError
+from torch import Tensor, nn
+
+from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
+from scenectl.models.bundle import weights_folder
+from scenectl.models.checkpoint import load_weights, read_about
+from scenes.errors import UserError
+
+FILE = "kinds.safetensors"
+ENOUGH = 5
+"""Test clips from which on a kind's recall is counted."""
+
+
+class KindClassifier(nn.Module):
+    """Logits of named kinds for padded batches of motions."""
+
+    def __init__(self, kinds: Sequence[str], width: int = 128, depth: int = 2, dropout: float = 0.3) -> None:
+        super().__init__()
+        self.kinds = tuple(kinds)
+        self.config = {"kinds": list(kinds), "width": width, "depth": depth, "dropout": dropout}
+        self.encoder = MotionEncoder(EncoderConfig(width=width, depth=depth, out=len(kinds), dropout=dropout))
+
+    def forward(self, batch: Padded) -> Float[Tensor, "B K"]:
+        out: Tensor = self.encoder(batch)
+        return out
+
+    def loss(self, batch: Padded, wanted: Int[Tensor, " B"]) -> Float[Tensor, ""]:
+        """Cross-entropy with a little smoothing: labels of neighbouring kinds overlap."""
+        return F.cross_entropy(self(batch), wanted, label_smoothing=0.05)
+
+    @torch.no_grad()
+    def predict(self, motions: Sequence[Float[Tensor, "_T 263"]]) -> list[str]:
+        """The likeliest kind of each motion, raw features of at least four frames."""
+        self.eval()
+        logits = [self(Padded.of(motions[i : i + 64])) for i in range(0, len(motions), 64)]
+        return [self.kinds[i] for i in torch.cat(logits).argmax(-1).tolist()]
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Which kinds were taken for which.
+
+    Attributes:
+        kinds: of rows (true) and columns (predicted).
+        counts: ``[K, K]``.
+    """
+
+    kinds: tuple[str, ...]
+    counts: Int[Tensor, "K K"]
+
+    @classmethod
+    def of(cls, kinds: Sequence[str], true: Sequence[str], predicted: Sequence[str]) -> Confusion:
+        place = {kind: i for i, kind in enumerate(kinds)}
+        counts = torch.zeros(len(kinds), len(kinds), dtype=torch.long)
+        for t, p in zip(true, predicted, strict=True):
+            counts[place[t], place[p]] += 1
+        return cls(tuple(kinds), counts)
+
+    def recall(self, enough: int = ENOUGH) -> dict[str, float]:
+        """Share of each kind that was recognised, for kinds with enough clips."""
+        total = self.counts.sum(1)
+        return {
+            kind: float(self.counts[i, i] / total[i]) for i, kind in enumerate(self.kinds) if int(total[i]) >= enough
+        }
+
+    @property
+    def macro_recall(self) -> float:
+        """Mean over kinds of their recall, each kind counting the same."""
+        found = list(self.recall().values())
+        return sum(found) / len(found) if found else 0.0
+
+
+def load_classifier(folder: str | Path = "evaluator") -> KindClassifier:
+    """The frozen classifier from bundled weights by name, or from a folder.
+
+    Raises:
+        UserError: weights are missing, damaged, or of another network.
+    """
+    path = weights_folder(folder) / FILE
+    try:
+        config = read_about(path)["config"]
+        model = KindClassifier(**config)
+    except (KeyError, TypeError, ValidationError) as error:
+        raise UserError(f"weights '{path}' describe no classifier; train it again or name another folder") from error
+    load_weights(model, path)
+    model.eval().requires_grad_(False)
+    return model

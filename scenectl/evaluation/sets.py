@@ -1,0 +1,119 @@
+"""The sets of motions that an evaluation compares: real, reconstructed, of random tokens, generated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenectl.data.features import FPS, features_to_joints, joints_to_features
+from scenectl.evaluation.motions import STRIDE
+from scenectl.generators import Generator
+from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES
+from scenectl.models.tokenizer import Tokenizer
+from scenectl.training.dataset import Windows
+from scenes.errors import UserError
+from scenes.motion import Motion, Pose2D
+
+Tell = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class TestClips:
+    """What is asked of a generator: a caption and a length for each test clip, and the clip itself.
+
+    Attributes:
+        features: raw features of each clip, cut to 196 frames and to a multiple of four.
+        captions: one of each clip's.
+        kinds: kind of motion of each.
+    """
+
+    features: list[Float[Tensor, "_T 263"]]
+    captions: list[str]
+    kinds: list[str]
+
+    @classmethod
+    def of(cls, windows: Windows, seed: int, most: int | None = None) -> TestClips:
+        """All clips of at least 36 frames, or `most` of them at random.
+
+        Raises:
+            UserError: there is no such clip.
+        """
+        draw = torch.Generator().manual_seed(seed)
+        order = torch.randperm(len(windows.ids), generator=draw).tolist()
+        chosen = sorted([i for i in order if int(windows.lengths[i]) >= MIN_FRAMES][:most])
+        if not chosen:
+            raise UserError(f"no test clip has {MIN_FRAMES} frames; evaluate on a folder with longer ones")
+        features, captions = [], []
+        for i in chosen:
+            frames = min(int(windows.lengths[i]), MAX_FRAMES) // STRIDE * STRIDE
+            features.append(windows.features[windows.starts[i] :][:frames])
+            captions.append(windows.captions[i][int(torch.randint(len(windows.captions[i]), (), generator=draw))])
+        return cls(features, captions, [windows.groups[i] for i in chosen])
+
+
+@dataclass(frozen=True)
+class MotionSet:
+    """Motions of one origin, both as a viewer and as an evaluator sees them.
+
+    Attributes:
+        name: of the origin.
+        joints: canonical positions of each, ``[T, 22, 3]`` metres.
+        features: made from those joints, one row less.
+    """
+
+    name: str
+    joints: list[Float[Tensor, "_T 22 3"]]
+    features: list[Float[Tensor, "_T 263"]]
+
+    @classmethod
+    def of(cls, name: str, joints: Sequence[Float[Tensor, "_T 22 3"]]) -> MotionSet:
+        """All sets go from joints to features the same way, so that none is favoured."""
+        return cls(name, list(joints), [joints_to_features(j) for j in joints])
+
+    @property
+    def padded(self) -> Motion:
+        """All motions as one batch, padded behind."""
+        joints = torch.nn.utils.rnn.pad_sequence(self.joints, batch_first=True)
+        lengths = torch.tensor([len(j) for j in self.joints])
+        return Motion(joints, torch.arange(joints.shape[1]) < lengths[:, None], fps=FPS)
+
+
+@torch.no_grad()
+def real(clips: TestClips) -> MotionSet:
+    """The clips themselves."""
+    return MotionSet.of("real", [features_to_joints(f) for f in clips.features])
+
+
+@torch.no_grad()
+def reconstructed(clips: TestClips, tokenizer: Tokenizer) -> MotionSet:
+    """The clips after a round trip through tokens."""
+    return MotionSet.of(
+        "reconstruction",
+        [features_to_joints(tokenizer.decode(tokenizer.encode(f[None])))[0] for f in clips.features],
+    )
+
+
+@torch.no_grad()
+def of_random_tokens(clips: TestClips, tokenizer: Tokenizer, seed: int) -> MotionSet:
+    """Motions of tokens drawn uniformly: what a generator that has learnt nothing makes."""
+    draw = torch.Generator().manual_seed(seed)
+    joints = []
+    for features in clips.features:
+        lengths = tokenizer.quantiser.lengths(len(features) // STRIDE)
+        tokens = [torch.randint(tokenizer.config.codes, (1, n), generator=draw) for n in lengths]
+        joints.append(features_to_joints(tokenizer.decode(tokens))[0])
+    return MotionSet.of("random tokens", joints)
+
+
+def generated(clips: TestClips, generator: Generator, seed: int, tell: Tell) -> MotionSet:
+    """One motion for each clip, from its caption and of its length."""
+    joints = []
+    for i, (features, caption) in enumerate(zip(clips.features, clips.captions, strict=True)):
+        tell("generating", i / len(clips.features))
+        made = generator.generate(caption, len(features) / FPS, Pose2D(), seed=seed + i)
+        joints.append(made.motion.joints[0])
+    return MotionSet.of("generated", joints)

@@ -1,0 +1,139 @@
+"""Training of our evaluator and of the classifier of kinds: real motions of the train split and their mirror images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from jaxtyping import Int
+from pydantic import BaseModel, ConfigDict
+from torch import Tensor, nn
+
+from scenectl.data.augment import Augmentation
+from scenectl.evaluation import contrastive, kinds
+from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig
+from scenectl.evaluation.kinds import KindClassifier
+from scenectl.evaluation.motions import Padded
+from scenectl.models.checkpoint import save_weights
+from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES
+from scenectl.text import load_text_encoder
+from scenectl.training.dataset import Windows, prepare
+from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.transformer import Captions
+
+MIRRORED = Augmentation(mirror=True, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
+
+
+class EvaluatorTraining(BaseModel):
+    """Settings of both trainings.
+
+    Attributes:
+        contrastive, kinds: length and speed of each.
+        shortest: share of a clip that a training sample shows at least.
+        noise: standard deviation added to normalised features: few clips are easily learnt by heart.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    contrastive: LoopSettings = LoopSettings(iterations=1500, batch=96, learning_rate=1e-3, weight_decay=0.05)
+    kinds: LoopSettings = LoopSettings(iterations=1000, batch=96, learning_rate=1e-3, weight_decay=0.05)
+    shortest: float = 0.7
+    noise: float = 0.1
+
+
+def train_evaluator(data: Path, out: Path, seed: int = 0, settings: EvaluatorTraining | None = None) -> Path:
+    """Train, or go on training, both networks in `out`; returns the folder with their weights and card.
+
+    Args:
+        data: folder of the motion collection.
+        out: folder of the run.
+        seed: of initial weights and of what is drawn.
+        settings: lengths and speeds.
+    """
+    settings = settings or EvaluatorTraining()
+    windows = prepare(data, ["train"], MIRRORED, out / "data", seed)
+    whole = _Whole(windows, settings)
+    loops = {
+        contrastive.FILE: _train_contrastive(whole, out, seed),
+        kinds.FILE: _train_kinds(whole, out, seed),
+    }
+    folder = out / "weights"
+    licence, credits = windows.terms()
+    for file, loop in loops.items():
+        about = {"config": _config(loop.averaged), "licence": licence, "credits": credits, "part": Path(file).stem}
+        save_weights(loop.averaged, folder / file, about, half=True)
+    return folder
+
+
+def _config(module: nn.Module) -> dict[str, object]:
+    if isinstance(module, Contrastive):
+        return module.config.model_dump(mode="json")
+    assert isinstance(module, KindClassifier)
+    return module.config
+
+
+@dataclass
+class _Whole:
+    """Draws clips nearly whole, each kind of motion with the square root of its size."""
+
+    data: Windows
+    settings: EvaluatorTraining
+
+    def __post_init__(self) -> None:
+        self.clips = (self.data.lengths >= MIN_FRAMES).nonzero()[:, 0]
+        names = [self.data.groups[i] for i in self.clips.tolist()]
+        counts = torch.tensor([float(names.count(name)) for name in names])
+        self.weights = counts.rsqrt()
+        self.std = self.data.statistics()[1]
+
+    def draw(self, batch: int, generator: torch.Generator) -> tuple[Padded, Int[Tensor, " B"]]:
+        chosen = self.clips[torch.multinomial(self.weights, batch, replacement=True, generator=generator)]
+        share, place = torch.rand(2, batch, generator=generator)
+        whole = self.data.lengths[chosen].clamp_max(MAX_FRAMES)
+        length = (whole * torch.lerp(torch.tensor(self.settings.shortest), torch.tensor(1.0), share)).long()
+        first = self.data.starts[chosen] + (place * (self.data.lengths[chosen] - length + 1)).long()
+        rows = [self.data.features[a : a + n] for a, n in zip(first.tolist(), length.tolist(), strict=True)]
+        noise = self.settings.noise
+        noisy = [row + noise * self.std * torch.randn(row.shape, generator=generator) for row in rows]
+        return Padded.of(noisy), chosen
+
+
+def _train_contrastive(whole: _Whole, out: Path, seed: int) -> Loop:
+    config = ContrastiveConfig()
+    captions = Captions(whole.data, load_text_encoder(config.text))
+    torch.manual_seed(seed)  # initial weights belong to the run's seed
+    model = Contrastive(config)
+    loop = _loop(
+        model, model.motion.mean, model.motion.std, whole, whole.settings.contrastive, out / "contrastive", seed
+    )
+
+    def step(_: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+        batch, clips = whole.draw(whole.settings.contrastive.batch, generator)
+        return model.loss(batch, captions.draw(clips, generator).sentence), {}
+
+    loop.run(step)
+    return loop
+
+
+def _train_kinds(whole: _Whole, out: Path, seed: int) -> Loop:
+    names = sorted({whole.data.groups[i] for i in whole.clips.tolist()})
+    wanted = torch.tensor([names.index(group) if group in names else -1 for group in whole.data.groups])
+    torch.manual_seed(seed)  # initial weights belong to the run's seed
+    model = KindClassifier(names)
+    loop = _loop(model, model.encoder.mean, model.encoder.std, whole, whole.settings.kinds, out / "kinds", seed)
+
+    def step(_: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+        batch, clips = whole.draw(whole.settings.kinds.batch, generator)
+        return model.loss(batch, wanted[clips]), {}
+
+    loop.run(step)
+    return loop
+
+
+def _loop(
+    model: nn.Module, mean: Tensor, std: Tensor, whole: _Whole, settings: LoopSettings, folder: Path, seed: int
+) -> Loop:
+    for buffer, value in zip((mean, std), whole.data.statistics(), strict=True):
+        buffer.copy_(value)
+    return Loop(model, settings, folder, seed)
