@@ -224,11 +224,12 @@ def gallery(
 def train(
     stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer or export.")],
     data: Data = DATA,
-    config: Annotated[str, typer.Option(help="compact, paper, or a recipe (TOML).")] = "compact",
+    config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the run.")] = Path("runs/compact"),
     iterations: Annotated[int | None, typer.Option(min=1, help="Instead of the recipe's, for one stage.")] = None,
     text: Annotated[str | None, typer.Option(help="Text encoder instead of the recipe's.")] = None,
     threads: Threads = None,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
 ) -> None:
     """Train one stage or all; a run that was stopped goes on where it was."""
     from scenectl.training.command import STAGES
@@ -237,7 +238,7 @@ def train(
     known = ("all", *STAGES)
     if stage not in known:
         raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
-    folder = learn(stage, data, config, output, iterations, text, threads)
+    folder = learn(stage, data, config, output, iterations, text, threads, device)
     out.print(f"the run is in {folder}")
 
 

@@ -16,6 +16,7 @@ from scenectl.text import TextEncoder, load_text_encoder
 from scenectl.training.card import write_card
 from scenectl.training.dataset import Windows, census, prepare
 from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, load_recipe
 from scenectl.training.refiner import train_refiner
 from scenectl.training.tokenizer import reconstruction_error, train_tokenizer
@@ -34,6 +35,7 @@ def train(
     iterations: int | None = None,
     text: str | None = None,
     threads: int | None = None,
+    device: str = "auto",
 ) -> Path:
     """Train one stage, or all of them, and export weights.
 
@@ -47,6 +49,7 @@ def train(
         iterations: instead of the recipe's, for a single stage.
         text: text encoder instead of the recipe's (a folder with CLIP, say).
         threads: CPU threads; torch's choice by default.
+        device: "cpu", "cuda", or "auto"; a run may go on elsewhere than where it began.
 
     Returns:
         The folder of the run, whose `weights/` holds what `load_generator` reads.
@@ -56,7 +59,7 @@ def train(
         raise UserError("iterations can be given for a single stage only; name it instead of 'all'")
     if threads is not None:
         torch.set_num_threads(threads)
-    run = _Run(recipe, Path(data), out, iterations, text)
+    run = _Run(recipe, Path(data), out, iterations, text, place(device, recipe.precision))
     if stage in ("all", "transformer"):
         run.encoder()  # found wanting now rather than after hours
     for each in STAGES if stage == "all" else (stage,):
@@ -67,7 +70,10 @@ def train(
 class _Run:
     """One recipe on one data folder; stages are its methods."""
 
-    def __init__(self, recipe: Recipe, data: Path, out: Path, iterations: int | None, text: str | None) -> None:
+    def __init__(
+        self, recipe: Recipe, data: Path, out: Path, iterations: int | None, text: str | None, where: Placement
+    ) -> None:
+        self.where = where
         self.recipe, self.data_folder, self.out, self.iterations = recipe, data, out, iterations
         self.text_name = text or recipe.model.text
 
@@ -89,18 +95,15 @@ class _Run:
         """Train the VQ-VAE."""
         recipe = self.recipe
         settings = recipe.tokenizer.model_copy(update={"loop": self._loop(recipe.tokenizer.loop)})
-        train_tokenizer(
-            recipe.model.tokenizer, settings, self.windows(["train"], True), self.out / "tokenizer", recipe.seed
-        )
+        data, folder = self.windows(["train"], True), self.out / "tokenizer"
+        train_tokenizer(recipe.model.tokenizer, settings, data, folder, recipe.seed, self.where)
 
     def refiner(self) -> None:
         """Train the token refiner on the finished tokenizer."""
         recipe = self.recipe
         settings = recipe.refiner.model_copy(update={"loop": self._loop(recipe.refiner.loop)})
-        tokenizer = self.trained_tokenizer()
-        train_refiner(
-            recipe.model.refiner, tokenizer, settings, self.windows(["train"], True), self.out / "refiner", recipe.seed
-        )
+        data, folder, tokenizer = self.windows(["train"], True), self.out / "refiner", self.trained_tokenizer()
+        train_refiner(recipe.model.refiner, tokenizer, settings, data, folder, recipe.seed, self.where)
 
     def transformer(self) -> None:
         """Train the scale-wise transformer on the finished tokenizer."""
@@ -108,7 +111,8 @@ class _Run:
         settings = recipe.transformer.model_copy(update={"loop": self._loop(recipe.transformer.loop)})
         data = self.windows(["train"], True)
         tokenizer, folder = self.trained_tokenizer(), self.out / "transformer"
-        train_transformer(recipe.model.transformer, tokenizer, self.encoder(), settings, data, folder, recipe.seed)
+        model, encoder = recipe.model.transformer, self.encoder()
+        train_transformer(model, tokenizer, encoder, settings, data, folder, recipe.seed, self.where)
 
     def _loop(self, settings: LoopSettings) -> LoopSettings:
         return settings if self.iterations is None else settings.model_copy(update={"iterations": self.iterations})

@@ -16,7 +16,8 @@ from scenectl.models.tokenizer import Tokenizer
 from scenectl.models.transformer import ScaleTransformer
 from scenectl.text import TextEncoder, TextFeatures
 from scenectl.training.dataset import Windows
-from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.loop import FRAMES, Loop, LoopSettings
+from scenectl.training.placement import Placement
 
 
 class TransformerTraining(BaseModel):
@@ -71,28 +72,35 @@ def train_transformer(
     data: Windows,
     folder: Path,
     seed: int,
+    place: Placement | None = None,
 ) -> Loop:
-    """Train, or go on training, in `folder`."""
-    tokenizer.eval().requires_grad_(False)
+    """Train, or go on training, in `folder`; the tokens are those of float32."""
+    place = place or Placement()
+    tokenizer.to(place.device).eval().requires_grad_(False)
     captions = Captions(data, encoder)
     quantiser = tokenizer.quantiser
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
-    loop = Loop(model, settings.loop, folder, seed)
+    loop = Loop(model, settings.loop, folder, seed, place)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
         finest = int(torch.randint(low, high + 1, (), generator=generator))
         batch = max(4, settings.loop.batch * 16 // finest)
         features, clips = data.draw(finest * DOWNSAMPLING, batch, generator)
-        tokens = _tokens(tokenizer, features)
+        tokens = _tokens(tokenizer, features.to(place.device))
         drop = torch.rand(batch, generator=generator) < settings.drop_text
-        prompt = model.without_text(captions.draw(clips, generator), drop)
+        prompt = place.text(captions.draw(clips, generator))
         seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
-        logits = model(quantiser, prompt, seen, finest)
-        target = torch.cat(tokens, dim=1)
-        loss = F.cross_entropy(logits.flatten(0, 1), target.flatten(), label_smoothing=settings.smoothing)
-        return loss, {"cross_entropy": float(F.cross_entropy(logits.detach().flatten(0, 1), target.flatten()))}
+        with place.autocast():
+            logits = model(quantiser, model.without_text(prompt, drop.to(place.device)), seen, finest)
+        logits, target = logits.float().flatten(0, 1), torch.cat(tokens, dim=1).flatten()
+        loss = F.cross_entropy(logits, target, label_smoothing=settings.smoothing)
+        figures = {
+            "cross_entropy": float(F.cross_entropy(logits.detach(), target)),
+            FRAMES: float(batch * finest * DOWNSAMPLING),
+        }
+        return loss, figures
 
     loop.run(step)
     return loop
@@ -104,8 +112,9 @@ def _tokens(tokenizer: Tokenizer, features: Float[Tensor, "B T 263"]) -> list[In
 
 
 def _corrupted(tokens: Int[Tensor, "B L"], share: float, codes: int, generator: torch.Generator) -> Int[Tensor, "B L"]:
-    random = torch.randint(codes, tokens.shape, generator=generator)
-    return torch.where(torch.rand(tokens.shape, generator=generator) < share, random, tokens)
+    # Drawn on the CPU, so that a run sees the same numbers on every device.
+    random = torch.randint(codes, tokens.shape, generator=generator).to(tokens.device)
+    return torch.where((torch.rand(tokens.shape, generator=generator) < share).to(tokens.device), random, tokens)
 
 
 @torch.no_grad()
