@@ -245,7 +245,9 @@ def train(
 def _generator(weights: str, threads: int | None) -> Any:
     from scenectl.generators import load_generator
 
-    return load_generator("mscot", weights, threads)
+    generator = load_generator("mscot", weights, threads)
+    err.print(literal(f"weights '{weights}': {generator.licence}"))
+    return generator
 
 
 def _run_and_show(work: Any, json_file: Path | None, columns: Sequence[str] = ()) -> None:

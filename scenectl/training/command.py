@@ -14,11 +14,12 @@ from scenectl.models.checkpoint import save_weights
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.text import TextEncoder, load_text_encoder
 from scenectl.training.card import write_card
-from scenectl.training.dataset import Windows, census, prepare
+from scenectl.training.dataset import Windows, census
 from scenectl.training.loop import Loop, LoopSettings
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, load_recipe
 from scenectl.training.refiner import train_refiner
+from scenectl.training.sources import is_humanml3d, windows
 from scenectl.training.tokenizer import reconstruction_error, train_tokenizer
 from scenectl.training.transformer import cross_entropy_by_scale, train_transformer
 from scenes.errors import UserError
@@ -43,11 +44,11 @@ def train(
 
     Args:
         stage: "tokenizer", "refiner", "transformer", "export" (weights and model card), or "all".
-        data: folder of the motion collection.
+        data: folder of the motion collection, or of HumanML3D.
         config: name of a bundled recipe, or a TOML file.
         out: folder of the run; a stage's state lies in a folder of its own inside.
         iterations: instead of the recipe's, for a single stage.
-        text: text encoder instead of the recipe's (a folder with CLIP, say).
+        text: text encoder instead of the recipe's (a folder with CLIP, say); the transformer takes its width.
         threads: CPU threads; torch's choice by default.
         device: "cpu", "cuda", or "auto"; a run may go on elsewhere than where it began.
 
@@ -60,8 +61,9 @@ def train(
     if threads is not None:
         torch.set_num_threads(threads)
     run = _Run(recipe, Path(data), out, iterations, text, place(device, recipe.precision))
+    is_humanml3d(Path(data))  # a wrong folder or encoder is found now rather than after hours
     if stage in ("all", "transformer"):
-        run.encoder()  # found wanting now rather than after hours
+        run.encoder()
     for each in STAGES if stage == "all" else (stage,):
         getattr(run, str(each))()
     return out
@@ -74,16 +76,20 @@ class _Run:
         self, recipe: Recipe, data: Path, out: Path, iterations: int | None, text: str | None, where: Placement
     ) -> None:
         self.where = where
-        self.recipe, self.data_folder, self.out, self.iterations = recipe, data, out, iterations
-        self.text_name = text or recipe.model.text
+        self.data_folder, self.out, self.iterations = data, out, iterations
+        self.recipe, self.text_name = recipe, text or recipe.model.text
+        if text is not None:
+            width = load_text_encoder(text).dim
+            self.recipe = recipe.varied({"model.text": text, "model.transformer.text_dim": width})
 
     def windows(self, splits: Sequence[str], augmented: bool) -> Windows:
         augmentation = self.recipe.augmentation if augmented else None
         cache = self.out / "data"
-        return prepare(self.data_folder, splits, augmentation, cache, self.recipe.seed, self.recipe.commercial_only)
+        return windows(self.data_folder, splits, augmentation, cache, self.recipe.seed, self.recipe.commercial_only)
 
     def encoder(self) -> TextEncoder:
-        encoder, wanted = load_text_encoder(self.text_name), self.recipe.model.transformer.text_dim
+        encoder = load_text_encoder(self.text_name, self.where.device.type)
+        wanted = self.recipe.model.transformer.text_dim
         if encoder.dim != wanted:
             raise UserError(
                 f"text encoder '{self.text_name}' gives features of {encoder.dim} numbers, and text_dim in the "
@@ -138,10 +144,9 @@ class _Run:
         networks = build(self.recipe.model)
         loops = {part: self._read(part, module) for part, module in zip(PARTS, networks, strict=True)}
         tokenizer, transformer, _ = networks
-        windows, test = self.windows(["train"], True), self.windows(["test"], False)
-        config = self.recipe.model.model_copy(update={"text": self.text_name})
-        licence, credits = windows.terms()
-        about = {"config": config.model_dump(mode="json"), "licence": licence, "credits": credits}
+        data, test = self.windows(["train"], True), self.windows(["test"], False)
+        licence, credits = data.terms()
+        about = {"config": self.recipe.model.model_dump(mode="json"), "licence": licence, "credits": credits}
         folder = self.out / "weights"
         for part, module in zip(PARTS, networks, strict=True):
             save_weights(module, folder / f"{part}.safetensors", {**about, "part": part}, half=True)
@@ -149,4 +154,4 @@ class _Run:
             "reconstruction": {str(n): reconstruction_error(tokenizer, test, n) for n in (64, 128, 196)},
             "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, self.encoder(), test),
         }
-        write_card(folder, self.recipe, loops, census(windows), windows.hours, (licence, credits), metrics)
+        write_card(folder, self.recipe, loops, census(data), data.hours, (licence, credits), metrics)

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
 from pydantic import BaseModel, ConfigDict
-from torch import Tensor
+from torch import Tensor, nn
 
 from scenectl.models.config import TransformerConfig
 from scenectl.models.schedule import DOWNSAMPLING
@@ -49,10 +49,9 @@ class Captions:
         index = {text: i for i, text in enumerate(texts)}
         self.of_clip = [[index[text] for text in captions] for captions in data.captions]
         parts = [encoder.encode(texts[i : i + 64]) for i in range(0, len(texts), 64)]
-        longest = max(p.words.shape[1] for p in parts)
-        self.sentence = torch.cat([p.sentence for p in parts])
-        self.words = torch.cat([F.pad(p.words, (0, 0, 0, longest - p.words.shape[1])) for p in parts])
-        self.mask = torch.cat([F.pad(p.mask, (0, longest - p.mask.shape[1])) for p in parts])
+        self.sentence = torch.cat([p.sentence for p in parts]).cpu()
+        # Without padding: a large data set's captions, all as long as the longest one, would fill the memory.
+        self.words = [row[mask].cpu() for p in parts for row, mask in zip(p.words, p.mask, strict=True)]
 
     def draw(self, clips: Int[Tensor, " B"], generator: torch.Generator) -> TextFeatures:
         """A random caption of each clip."""
@@ -60,8 +59,10 @@ class Captions:
         rows = torch.tensor(
             [self.of_clip[c][int(u * len(self.of_clip[c]))] for c, u in zip(clips.tolist(), uniform, strict=True)]
         )
-        words = int(self.mask[rows].sum(-1).max())
-        return TextFeatures(self.sentence[rows], self.words[rows, :words], self.mask[rows, :words])
+        chosen = [self.words[row] for row in rows.tolist()]
+        lengths = torch.tensor([len(words) for words in chosen])
+        words = nn.utils.rnn.pad_sequence(chosen, batch_first=True)
+        return TextFeatures(self.sentence[rows], words, torch.arange(words.shape[1]) < lengths[:, None])
 
 
 def train_transformer(
