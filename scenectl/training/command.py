@@ -16,6 +16,7 @@ from scenectl.text import TextEncoder, load_text_encoder
 from scenectl.training.card import write_card
 from scenectl.training.dataset import Windows, census
 from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.measures import measure_tokenizer
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, load_recipe
 from scenectl.training.refiner import train_refiner
@@ -60,7 +61,7 @@ def train(
         raise UserError("iterations can be given for a single stage only; name it instead of 'all'")
     if threads is not None:
         torch.set_num_threads(threads)
-    run = _Run(recipe, Path(data), out, iterations, text, place(device, recipe.precision))
+    run = Run(recipe, Path(data), out, iterations, text, place(device, recipe.precision))
     is_humanml3d(Path(data))  # a wrong folder or encoder is found now rather than after hours
     if stage in ("all", "transformer"):
         run.encoder()
@@ -69,13 +70,36 @@ def train(
     return out
 
 
-class _Run:
-    """One recipe on one data folder; stages are its methods."""
+class Run:
+    """One recipe on one data folder; stages are its methods.
+
+    Attributes:
+        recipe: with the text encoder that is really used.
+        out: folder of the run.
+    """
 
     def __init__(
-        self, recipe: Recipe, data: Path, out: Path, iterations: int | None, text: str | None, where: Placement
+        self,
+        recipe: Recipe,
+        data: Path,
+        out: Path,
+        iterations: int | None = None,
+        text: str | None = None,
+        where: Placement | None = None,
+        cache: Path | None = None,
     ) -> None:
-        self.where = where
+        """Set up a run; nothing is trained yet.
+
+        Args:
+            recipe: networks, data and settings.
+            data: folder of the motions.
+            out: folder of the run.
+            iterations: instead of the recipe's, for every stage.
+            text: text encoder instead of the recipe's.
+            where: device and precision; the CPU in float32 by default.
+            cache: folder of prepared data, which runs can share; one inside `out` by default.
+        """
+        self.where, self.cache = where or Placement(), cache or out / "data"
         self.data_folder, self.out, self.iterations = data, out, iterations
         self.recipe, self.text_name = recipe, text or recipe.model.text
         if text is not None:
@@ -83,11 +107,13 @@ class _Run:
             self.recipe = recipe.varied({"model.text": text, "model.transformer.text_dim": width})
 
     def windows(self, splits: Sequence[str], augmented: bool) -> Windows:
-        augmentation = self.recipe.augmentation if augmented else None
-        cache = self.out / "data"
-        return windows(self.data_folder, splits, augmentation, cache, self.recipe.seed, self.recipe.commercial_only)
+        """Clips of some splits, with the recipe's augmentation or as they were recorded."""
+        recipe = self.recipe
+        augmentation = recipe.augmentation if augmented else None
+        return windows(self.data_folder, splits, augmentation, self.cache, recipe.seed, recipe.commercial_only)
 
     def encoder(self) -> TextEncoder:
+        """The text encoder, on the run's device; raises UserError where its width is not the transformer's."""
         encoder = load_text_encoder(self.text_name, self.where.device.type)
         wanted = self.recipe.model.transformer.text_dim
         if encoder.dim != wanted:
@@ -150,8 +176,10 @@ class _Run:
         folder = self.out / "weights"
         for part, module in zip(PARTS, networks, strict=True):
             save_weights(module, folder / f"{part}.safetensors", {**about, "part": part}, half=True)
+        encoder = load_text_encoder(self.text_name)
         metrics = {
             "reconstruction": {str(n): reconstruction_error(tokenizer, test, n) for n in (64, 128, 196)},
-            "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, self.encoder(), test),
+            **measure_tokenizer(tokenizer, data, test),
+            "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, encoder, test),
         }
         write_card(folder, self.recipe, loops, census(data), data.hours, (licence, credits), metrics)

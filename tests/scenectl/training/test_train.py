@@ -139,13 +139,17 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
         "curves.png",
     }
     card = (weights / "MODEL_CARD.md").read_text()
-    for words in ("# Model card: tiny", "non-commercial", "NSF EIA-0196217", "CC BY-NC 4.0", "| tokenizer | 8 |"):
+    for words in (
+        "# Model card: tiny", "non-commercial", "NSF EIA-0196217", "CC BY-NC 4.0", "| tokenizer | 8 |",
+        "frames a second", "Codes restarted", "| left wrist |", "| 4 to 10 Hz |", "| scale | codes used, training |",
+    ):  # fmt: skip
         assert words in card
     metrics = json.loads((weights / "metrics.json").read_text())
     assert metrics["reconstruction"]["64"]["all"]["clips"] == 2.0
     assert 0 < metrics["reconstruction"]["64"]["all"]["global_error_m"] < 10
     assert metrics["reconstruction"]["196"] == {}
     assert len(metrics["cross_entropy_by_scale"]) == 3 and all(0 < x < 10 for x in metrics["cross_entropy_by_scale"])
+    assert [row["scale"] for row in metrics["code_use"]["test"]] == [1, 2, 3]
     assert (weights / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
