@@ -123,12 +123,12 @@ class Run:
             )
         return encoder
 
-    def tokenizer(self) -> None:
+    def tokenizer(self) -> Loop:
         """Train the VQ-VAE."""
         recipe = self.recipe
         settings = recipe.tokenizer.model_copy(update={"loop": self._loop(recipe.tokenizer.loop)})
         data, folder = self.windows(["train"], True), self.out / "tokenizer"
-        train_tokenizer(recipe.model.tokenizer, settings, data, folder, recipe.seed, self.where)
+        return train_tokenizer(recipe.model.tokenizer, settings, data, folder, recipe.seed, self.where)
 
     def refiner(self) -> None:
         """Train the token refiner on the finished tokenizer."""
