@@ -214,6 +214,8 @@ def run(
         progress("writing", 0.0)
         result.save(output, preview=False)
         drawn = preview and _drawn(result, output / "preview.png")
+    maker = result.report["generator"]
+    out.print(literal(f"weights '{maker['weights']}': {maker['licence']}"))
     _show(result)
     out.print(f"wrote motion.npz, report.json{' and preview.png' if drawn else ''} in {output}")
 

@@ -234,6 +234,29 @@ def generator_bench(
 
 
 @bench.command()
+def ablations(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of tables, figures and small models.")],
+    data: Data = DATA,
+    only: Annotated[list[str] | None, typer.Option(help="One ablation; repeat for more. Default: all.")] = None,
+    iterations: Annotated[int, typer.Option(min=10, help="Of every small model that is trained.")] = 1000,
+    clips: Annotated[int, typer.Option(min=1, help="Test clips where joints are controlled.")] = 12,
+    config: Annotated[str, typer.Option(help="The recipe whose variants are trained.")] = "compact",
+    weights: Weights = "default",
+    threads: Threads = None,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda, for training.")] = "auto",
+) -> None:
+    """The paper's ablations and figures on our data: each writes its table, what was stopped goes on."""
+    from scenectl.bench.ablations import ABLATIONS, Bench, bench_ablations
+
+    for name in only or ():
+        if name not in ABLATIONS:
+            raise UserError(f"unknown ablation '{name}'{did_you_mean(name, ABLATIONS)}")
+    setting = Bench(data, output, config, weights, iterations, clips, device, threads)
+    for path in bench_ablations(setting, only or tuple(ABLATIONS), _say):
+        out.print(f"wrote {path}")
+
+
+@bench.command()
 def gallery(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the page and its pictures.")],
     samples: Annotated[int, typer.Option(min=1, help="Motions of each prompt.")] = 3,
@@ -255,29 +278,54 @@ def gallery(
 
 
 def train(
-    stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer or export.")],
+    stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer, export or sweep.")],
     data: Data = DATA,
-    config: Annotated[str, typer.Option(help="compact, paper, or a recipe (TOML).")] = "compact",
+    config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the run.")] = Path("runs/compact"),
     iterations: Annotated[int | None, typer.Option(min=1, help="Instead of the recipe's, for one stage.")] = None,
     text: Annotated[str | None, typer.Option(help="Text encoder instead of the recipe's.")] = None,
     threads: Threads = None,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
 ) -> None:
-    """Train one stage or all; a run that was stopped goes on where it was."""
+    """Train one stage or all, or compare small variants (sweep); what was stopped goes on where it was."""
     from scenectl.training.command import STAGES
     from scenectl.training.command import train as learn
 
-    known = ("all", *STAGES)
+    known = ("all", *STAGES, "sweep")
+    if stage == "sweep":
+        _sweep(data, config, output, iterations, threads, device)
+        return
     if stage not in known:
         raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
-    folder = learn(stage, data, config, output, iterations, text, threads)
+    folder = learn(stage, data, config, output, iterations, text, threads, device)
     out.print(f"the run is in {folder}")
+
+
+def _sweep(data: Path, config: str, output: Path, iterations: int | None, threads: int | None, device: str) -> None:
+    import torch
+
+    from scenectl.training.placement import place
+    from scenectl.training.recipe import load_recipe
+    from scenectl.training.sweep import train_sweep
+
+    if threads is not None:
+        torch.set_num_threads(threads)
+    where = place(device, load_recipe(config).precision)
+    rows = train_sweep(data, config, output, iterations or 1000, where, _say)
+    _show({"rows": rows, "summary": {"table": str(output / "sweep.md")}}, None)
+
+
+def _say(what: str, done: float) -> None:
+    """A line for each thing that is done, where what is done draws a bar of its own."""
+    err.print(literal(f"{done:4.0%} {what}"))
 
 
 def _generator(weights: str, threads: int | None) -> Any:
     from scenectl.generators import load_generator
 
-    return load_generator("mscot", weights, threads)
+    generator = load_generator("mscot", weights, threads)
+    err.print(literal(f"weights '{weights}': {generator.licence}"))
+    return generator
 
 
 def _run_and_show(work: Any, json_file: Path | None, columns: Sequence[str] = ()) -> None:

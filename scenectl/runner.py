@@ -79,7 +79,11 @@ class Result:
         Each file is whole or absent. Returns the folder; raises UserError when it cannot be written.
         """
         folder = Path(folder)
-        self.motion.save(folder / "motion.npz", seed=int(self.report["seed"]), unit="m")
+        facts = {"seed": int(self.report["seed"]), "unit": "m"}
+        maker = self.report["generator"]
+        if maker is not None:  # the weights' terms follow what they make wherever the file goes
+            facts |= {"licence": maker["licence"]}
+        self.motion.save(folder / "motion.npz", **facts)
         with atomic_write(folder / "report.json", "w") as file:
             json.dump(self.report, file, indent=1, allow_nan=False)
         if preview:
@@ -120,6 +124,7 @@ def run(
     problem = task.build(seed) if problem is None else problem
     clock.lap("plan_s")
     tell("loading the generator", 0.0)
+    weights = task.generator.weights if generator is None else None
     generator = load_task_generator(task) if generator is None else generator
     clock.lap("load_s")
     guide = ObjectiveGuide(problem.objective, problem.context, task.solver, task.guidance, progress)
@@ -138,7 +143,12 @@ def run(
     clock.lap("measure_s")
     facts = {
         "seed": seed,
-        "generator": {"name": generator.name, "licence": generator.licence, "trace": _json(made.trace)},
+        "generator": {
+            "name": generator.name,
+            "weights": None if weights is None else str(weights),
+            "licence": generator.licence,
+            "trace": _json(made.trace),
+        },
         "timing": clock.laps,
     }
     return Result(problem, motion, rows, {**_report(problem, rows), **facts})

@@ -230,6 +230,11 @@ def load_text_encoder(name_or_path: str | Path = "minilm", device: str = "cpu") 
     if name_or_path == "minilm":
         return MiniLM(_packaged_minilm(), device=device)
     folder = Path(name_or_path)
+    if not folder.is_dir() and name_or_path == "clip":
+        raise UserError(
+            "text encoder 'clip' is read from a folder on this machine: name one that holds CLIP's text model "
+            "(config.json, model.safetensors, tokenizer.json), or take 'minilm', which needs none (training: --text)"
+        )
     if not folder.is_dir():
         hint = did_you_mean(str(name_or_path), NAMES)
         raise UserError(f"text encoder '{name_or_path}' is neither a known name nor a folder on this machine{hint}")

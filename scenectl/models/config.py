@@ -17,7 +17,8 @@ class TokenizerConfig(BaseModel):
         width: channels of the convolutional encoder and decoder.
         depth: residual blocks at each resolution, dilations growing by `dilation_growth`.
         code_dim: d, dimension of a code.
-        codes: V, size of the codebook that all scales share.
+        codes: V, size of the codebook.
+        shared_codebook: all scales use one codebook; otherwise each has V codes of its own (Table 8).
         scales: base schedule L_1..L_K; the last one belongs to `scales[-1] * 4` frames.
         scale_convs: convolutions shared by the K scales, assigned in order.
         normalised: l2-normalise codes (Prop. 1's remark) with one learned gain per scale.
@@ -31,6 +32,7 @@ class TokenizerConfig(BaseModel):
     dilation_growth: int = 3
     code_dim: int = 512
     codes: int = 1024
+    shared_codebook: bool = True
     scales: tuple[int, ...] = BASE_SCALES
     scale_convs: int = 8
     normalised: bool = True
@@ -58,13 +60,19 @@ class TransformerConfig(BaseModel):
 
 
 class RefinerConfig(BaseModel):
-    """Token refiner: a small transformer encoder over the tokens of one scale."""
+    """Token refiner: a small network over the tokens of one scale.
+
+    Attributes:
+        width, layers, heads: the usual; heads are the transformer's.
+        kind: a transformer encoder, or a perceptron that looks at every token alone (Table 14).
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     width: int = 256
     layers: int = 2
     heads: int = 4
+    kind: Literal["transformer", "mlp"] = "transformer"
 
 
 class ModelConfig(BaseModel):

@@ -10,6 +10,20 @@ from scenectl.models.config import RefinerConfig
 from scenectl.models.transformer import sinusoids
 
 
+def _attentive(config: RefinerConfig) -> nn.Module:
+    """Tokens look at each other."""
+    layer = nn.TransformerEncoderLayer(
+        config.width, config.heads, 4 * config.width, dropout=0.0, batch_first=True, norm_first=True
+    )
+    return nn.TransformerEncoder(layer, config.layers, enable_nested_tensor=False)
+
+
+def _alone(config: RefinerConfig) -> nn.Module:
+    """Every token by itself."""
+    layers = (nn.Sequential(nn.Linear(config.width, config.width), nn.GELU()) for _ in range(config.layers))
+    return nn.Sequential(*layers)
+
+
 class Refiner(nn.Module):
     """Predicts what quantisation lost at one scale from that scale's own tokens."""
 
@@ -18,10 +32,7 @@ class Refiner(nn.Module):
         self.config = config
         self.inward = nn.Linear(code_dim, config.width)
         self.scale = nn.Parameter(torch.randn(scales, config.width) * 0.02)
-        layer = nn.TransformerEncoderLayer(
-            config.width, config.heads, 4 * config.width, dropout=0.0, batch_first=True, norm_first=True
-        )
-        self.encoder = nn.TransformerEncoder(layer, config.layers, enable_nested_tensor=False)
+        self.encoder = _attentive(config) if config.kind == "transformer" else _alone(config)
         self.outward = nn.Linear(config.width, code_dim)
         # Zero residuals to begin with: an untrained refiner changes nothing.
         nn.init.zeros_(self.outward.weight)

@@ -98,16 +98,20 @@ class Quantised:
 
 @dataclass
 class _Seen:
-    """What one training step showed the codebook: uses and sums of each code, best gains, vectors to restart on."""
+    """What one training step showed the codebook: uses and sums of each code, best gains, vectors of each scale."""
 
     count: Tensor
     total: Tensor
     gain: Tensor
-    pool: Tensor = field(default_factory=lambda: torch.empty(0))
+    pool: dict[int, Tensor] = field(default_factory=dict)
 
 
 class Quantiser(nn.Module):
-    """K scales of residual quantisation with one codebook (Eq. 34 and 35)."""
+    """K scales of residual quantisation (Eq. 34 and 35) with one codebook, or with one for each scale.
+
+    `codebook` holds the V codes that all scales share, ``[V, d]``, or the scales' own one after the other,
+    ``[K V, d]``; tokens count from 0 at every scale.
+    """
 
     codebook: Tensor
     gain: Tensor
@@ -120,11 +124,12 @@ class Quantiser(nn.Module):
         self.convs = nn.ModuleList(
             nn.Conv1d(config.code_dim, config.code_dim, 3, padding=1) for _ in range(config.scale_convs)
         )
-        codes = torch.randn(config.codes, config.code_dim)
+        rows = config.codes if config.shared_codebook else config.codes * len(config.scales)
+        codes = torch.randn(rows, config.code_dim)
         self.register_buffer("gain", torch.ones(len(config.scales)))
         self.register_buffer("codebook", F.normalize(codes, dim=-1))
         # Running statistics of the codebook's moving average; of no use after training.
-        self.register_buffer("usage", torch.ones(config.codes), persistent=True)
+        self.register_buffer("usage", torch.ones(rows), persistent=True)
         self.register_buffer("sums", self.codebook.clone(), persistent=True)
         self._seen: _Seen | None = None
 
@@ -138,7 +143,13 @@ class Quantiser(nn.Module):
 
     def codes(self, k: int) -> Float[Tensor, "V d"]:
         """Embeddings of all codes at scale k: unit vectors times the scale's gain, or the vectors as they are."""
-        return self.codebook * self.gain[k] if self.config.normalised else self.codebook
+        codes = self.codebook[self._rows(k)]
+        return codes * self.gain[k] if self.config.normalised else codes
+
+    def _rows(self, k: int) -> slice:
+        """The rows of `codebook` that scale k uses."""
+        first = 0 if self.config.shared_codebook else k * self.config.codes
+        return slice(first, first + self.config.codes)
 
     def lookup(self, k: int, tokens: Int[Tensor, "*b L"]) -> Float[Tensor, "*b L d"]:
         """Embeddings of tokens at scale k."""
@@ -214,30 +225,45 @@ class Quantiser(nn.Module):
         if self._seen is None:
             self._seen = _Seen(torch.zeros_like(self.usage), torch.zeros_like(self.sums), self.gain.clone())
         seen, kept = self._seen, on[:, 0, 0] > 0
-        flat, index = u.transpose(1, 2)[kept].flatten(0, 1), tokens[kept].flatten()
+        flat, index = u.transpose(1, 2)[kept].flatten(0, 1), tokens[kept].flatten() + self._rows(k).start
         if self.config.normalised and len(flat):
             # The gain that fits best: the mean projection on the chosen unit codes.
             seen.gain[k] = (flat * self.codebook[index]).sum(-1).mean()
             flat = F.normalize(flat, dim=-1)
         seen.count.index_add_(0, index, torch.ones_like(index, dtype=flat.dtype))
         seen.total.index_add_(0, index, flat)
-        seen.pool = flat
+        seen.pool[k] = flat
 
     @torch.no_grad()
-    def update_codebook(self, decay: float, revive_below: float) -> None:
-        """Moving averages of codes and gains; codes used less than `revive_below` times a step restart on data."""
+    def update_codebook(self, decay: float, revive_below: float) -> int:
+        """Moving averages of codes and gains; codes used less than `revive_below` times a step restart on data.
+
+        Data are the vectors that the code's scales were shown in this step. Returns how many codes restarted.
+        """
         seen, self._seen = self._seen, None
         if seen is None:
-            return
+            return 0
         self.usage.mul_(decay).add_(seen.count, alpha=1 - decay)
         self.sums.mul_(decay).add_(seen.total, alpha=1 - decay)
         self.gain.lerp_(seen.gain.clamp_min(1e-3), 1 - decay)
-        dead = self.usage < revive_below
-        if dead.any() and len(seen.pool):
-            picks = seen.pool[torch.randint(len(seen.pool), (int(dead.sum()),))]
-            self.sums[dead], self.usage[dead] = picks, 1.0
+        revived = sum(self._revive(rows, pool, revive_below) for rows, pool in self._shown(seen))
         codes = self.sums / self.usage.clamp_min(1e-6)[:, None]
         self.codebook.copy_(F.normalize(codes, dim=-1) if self.config.normalised else codes)
+        return revived
+
+    def _shown(self, seen: _Seen) -> list[tuple[slice, Tensor]]:
+        """Each codebook's rows with the vectors it was shown."""
+        if self.config.shared_codebook:
+            return [(self._rows(0), torch.cat(list(seen.pool.values())))]
+        return [(self._rows(k), pool) for k, pool in seen.pool.items()]
+
+    def _revive(self, rows: slice, pool: Tensor, below: float) -> int:
+        dead = (self.usage[rows] < below).nonzero()[:, 0]
+        if len(dead) and len(pool):
+            self.sums[rows.start + dead] = pool[torch.randint(len(pool), (len(dead),))]
+            self.usage[rows.start + dead] = 1.0
+            return len(dead)
+        return 0
 
     @torch.no_grad()
     def initialise(self, f: Float[Tensor, "B d L"]) -> None:
@@ -249,8 +275,8 @@ class Quantiser(nn.Module):
             pool.append(u.flatten(0, 1))
             directions = F.normalize(u, dim=-1) * self.gain[k]
             rest = rest - 0.5 * self.up(k, directions, f.shape[-1])
-        flat = torch.cat(pool)
-        picks = flat[torch.randint(len(flat), (self.config.codes,))]
+        flat = [torch.cat(pool)] if self.config.shared_codebook else pool
+        picks = torch.cat([vectors[torch.randint(len(vectors), (self.config.codes,))] for vectors in flat])
         self.codebook.copy_(F.normalize(picks, dim=-1) if self.config.normalised else picks)
         self.sums.copy_(self.codebook)
         self.usage.fill_(1.0)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from scenectl.training.loop import Loop
 from scenectl.training.recipe import Recipe
+from scenectl.training.tokenizer import REVIVED
 from scenes.files import atomic_write
 
 
@@ -45,18 +46,28 @@ def write_card(
         "",
         "## Training",
         "",
-        "| part | iterations | minutes | parameters | last loss |",
-        "|---|---|---|---|---|",
+        "| part | iterations | minutes | parameters | last loss | frames a second |",
+        "|---|---|---|---|---|---|",
         *(_row(part, loop) for part, loop in loops.items()),
         "",
+        *_restarts(loops["tokenizer"]),
         "![loss curves](curves.png)",
         "",
         "## Figures on the test split",
         "",
         *_reconstruction_table(metrics["reconstruction"]),
         "",
-        "Cross-entropy by scale, nats a token, 64 frames: "
-        + ", ".join(f"{value:.2f}" for value in metrics["cross_entropy_by_scale"]),
+        f"By joint, 64 frames, {metrics['clips']} clips:",
+        "",
+        *_joint_table(metrics["error_by_joint"]),
+        "",
+        "By frequency: root mean square of joints relative to the pelvis, about their mean over the clip:",
+        "",
+        *_band_table(metrics["error_by_band"]),
+        "",
+        "Scale by scale, 64 frames (perplexity: of the codes used; cross-entropy: of the transformer, nats a token):",
+        "",
+        *_scale_table(metrics["code_use"], metrics["cross_entropy_by_scale"]),
         "",
     ]
     with atomic_write(folder / "MODEL_CARD.md", "w") as file:
@@ -66,7 +77,46 @@ def write_card(
 def _row(part: str, loop: Loop) -> str:
     parameters = sum(p.numel() for p in loop.module.parameters()) / 1e6
     last = f"{loop.curve[-1]['loss']:.3f}" if loop.curve else "-"
-    return f"| {part} | {loop.iteration} | {loop.seconds / 60:.0f} | {parameters:.2f} M | {last} |"
+    rate = f"{loop.frames_per_second:,.0f}" if loop.frames_per_second is not None else "-"
+    return f"| {part} | {loop.iteration} | {loop.seconds / 60:.0f} | {parameters:.2f} M | {last} | {rate} |"
+
+
+def _restarts(loop: Loop) -> list[str]:
+    """How many codes restarted on data because nothing used them; the curve holds means a step."""
+    points = [point for point in loop.curve if REVIVED in point]
+    if not points:
+        return []
+    total = sum(point[REVIVED] for point in points) * loop.settings.log_every
+    half = [point[REVIVED] for point in points if point["iteration"] > loop.iteration / 2]
+    late = sum(half) * loop.settings.log_every
+    return [f"Codes restarted because nothing used them: {total:.0f}, {late:.0f} of them in the second half.", ""]
+
+
+def _joint_table(errors: Mapping[str, Mapping[str, float]]) -> list[str]:
+    rows = ["| joint | global | local |", "|---|---|---|"]
+    return rows + [
+        f"| {name.replace('_', ' ')} | {row['global_error_m'] * 1000:.0f} mm | {row['local_error_m'] * 1000:.0f} mm |"
+        for name, row in errors.items()
+    ]
+
+
+def _band_table(bands: Sequence[Mapping[str, float]]) -> list[str]:
+    rows = ["| band | real | reconstructed | difference |", "|---|---|---|---|"]
+    for row in bands:
+        real, got, error = (1000 * row[f"{name}_rms_m"] for name in ("true", "reconstructed", "error"))
+        rows.append(f"| {row['low_hz']:g} to {row['high_hz']:g} Hz | {real:.1f} mm | {got:.1f} mm | {error:.1f} mm |")
+    return rows
+
+
+def _scale_table(use: Mapping[str, Sequence[Mapping[str, float]]], entropy: Sequence[float]) -> list[str]:
+    rows = [
+        "| scale | codes used, training | perplexity | codes used, test | perplexity | cross-entropy |",
+        "|---|---|---|---|---|---|",
+    ]
+    for k, (train, test) in enumerate(zip(use["train"], use["test"], strict=True)):
+        figures = [f"{part['share_used']:.0%} | {part['perplexity']:.0f}" for part in (train, test)]
+        rows.append(f"| {k + 1} | {' | '.join(figures)} | {f'{entropy[k]:.2f}' if entropy else '-'} |")
+    return rows
 
 
 def _reconstruction_table(by_length: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[str]:

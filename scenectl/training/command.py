@@ -14,10 +14,13 @@ from scenectl.models.checkpoint import save_weights
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.text import TextEncoder, load_text_encoder
 from scenectl.training.card import write_card
-from scenectl.training.dataset import Windows, census, prepare
+from scenectl.training.dataset import Windows, census
 from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.measures import measure_tokenizer
+from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, load_recipe
 from scenectl.training.refiner import train_refiner
+from scenectl.training.sources import is_humanml3d, windows
 from scenectl.training.tokenizer import reconstruction_error, train_tokenizer
 from scenectl.training.transformer import cross_entropy_by_scale, train_transformer
 from scenes.errors import UserError
@@ -34,6 +37,7 @@ def train(
     iterations: int | None = None,
     text: str | None = None,
     threads: int | None = None,
+    device: str = "auto",
 ) -> Path:
     """Train one stage, or all of them, and export weights.
 
@@ -41,12 +45,13 @@ def train(
 
     Args:
         stage: "tokenizer", "refiner", "transformer", "export" (weights and model card), or "all".
-        data: folder of the motion collection.
+        data: folder of the motion collection, or of HumanML3D.
         config: name of a bundled recipe, or a TOML file.
         out: folder of the run; a stage's state lies in a folder of its own inside.
         iterations: instead of the recipe's, for a single stage.
-        text: text encoder instead of the recipe's (a folder with CLIP, say).
+        text: text encoder instead of the recipe's (a folder with CLIP, say); the transformer takes its width.
         threads: CPU threads; torch's choice by default.
+        device: "cpu", "cuda", or "auto"; a run may go on elsewhere than where it began.
 
     Returns:
         The folder of the run, whose `weights/` holds what `load_generator` reads.
@@ -56,28 +61,61 @@ def train(
         raise UserError("iterations can be given for a single stage only; name it instead of 'all'")
     if threads is not None:
         torch.set_num_threads(threads)
-    run = _Run(recipe, Path(data), out, iterations, text)
+    run = Run(recipe, Path(data), out, iterations, text, place(device, recipe.precision))
+    is_humanml3d(Path(data))  # a wrong folder or encoder is found now rather than after hours
     if stage in ("all", "transformer"):
-        run.encoder()  # found wanting now rather than after hours
+        run.encoder()
     for each in STAGES if stage == "all" else (stage,):
         getattr(run, str(each))()
     return out
 
 
-class _Run:
-    """One recipe on one data folder; stages are its methods."""
+class Run:
+    """One recipe on one data folder; stages are its methods.
 
-    def __init__(self, recipe: Recipe, data: Path, out: Path, iterations: int | None, text: str | None) -> None:
-        self.recipe, self.data_folder, self.out, self.iterations = recipe, data, out, iterations
-        self.text_name = text or recipe.model.text
+    Attributes:
+        recipe: with the text encoder that is really used.
+        out: folder of the run.
+    """
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        data: Path,
+        out: Path,
+        iterations: int | None = None,
+        text: str | None = None,
+        where: Placement | None = None,
+        cache: Path | None = None,
+    ) -> None:
+        """Set up a run; nothing is trained yet.
+
+        Args:
+            recipe: networks, data and settings.
+            data: folder of the motions.
+            out: folder of the run.
+            iterations: instead of the recipe's, for every stage.
+            text: text encoder instead of the recipe's.
+            where: device and precision; the CPU in float32 by default.
+            cache: folder of prepared data, which runs can share; one inside `out` by default.
+        """
+        self.where, self.cache = where or Placement(), cache or out / "data"
+        self.data_folder, self.out, self.iterations = data, out, iterations
+        self.recipe, self.text_name = recipe, text or recipe.model.text
+        if text is not None:
+            width = load_text_encoder(text).dim
+            self.recipe = recipe.varied({"model.text": text, "model.transformer.text_dim": width})
 
     def windows(self, splits: Sequence[str], augmented: bool) -> Windows:
-        augmentation = self.recipe.augmentation if augmented else None
-        cache = self.out / "data"
-        return prepare(self.data_folder, splits, augmentation, cache, self.recipe.seed, self.recipe.commercial_only)
+        """Clips of some splits, with the recipe's augmentation or as they were recorded."""
+        recipe = self.recipe
+        augmentation = recipe.augmentation if augmented else None
+        return windows(self.data_folder, splits, augmentation, self.cache, recipe.seed, recipe.commercial_only)
 
     def encoder(self) -> TextEncoder:
-        encoder, wanted = load_text_encoder(self.text_name), self.recipe.model.transformer.text_dim
+        """The text encoder, on the run's device; raises UserError where its width is not the transformer's."""
+        encoder = load_text_encoder(self.text_name, self.where.device.type)
+        wanted = self.recipe.model.transformer.text_dim
         if encoder.dim != wanted:
             raise UserError(
                 f"text encoder '{self.text_name}' gives features of {encoder.dim} numbers, and text_dim in the "
@@ -85,22 +123,19 @@ class _Run:
             )
         return encoder
 
-    def tokenizer(self) -> None:
+    def tokenizer(self) -> Loop:
         """Train the VQ-VAE."""
         recipe = self.recipe
         settings = recipe.tokenizer.model_copy(update={"loop": self._loop(recipe.tokenizer.loop)})
-        train_tokenizer(
-            recipe.model.tokenizer, settings, self.windows(["train"], True), self.out / "tokenizer", recipe.seed
-        )
+        data, folder = self.windows(["train"], True), self.out / "tokenizer"
+        return train_tokenizer(recipe.model.tokenizer, settings, data, folder, recipe.seed, self.where)
 
     def refiner(self) -> None:
         """Train the token refiner on the finished tokenizer."""
         recipe = self.recipe
         settings = recipe.refiner.model_copy(update={"loop": self._loop(recipe.refiner.loop)})
-        tokenizer = self.trained_tokenizer()
-        train_refiner(
-            recipe.model.refiner, tokenizer, settings, self.windows(["train"], True), self.out / "refiner", recipe.seed
-        )
+        data, folder, tokenizer = self.windows(["train"], True), self.out / "refiner", self.trained_tokenizer()
+        train_refiner(recipe.model.refiner, tokenizer, settings, data, folder, recipe.seed, self.where)
 
     def transformer(self) -> None:
         """Train the scale-wise transformer on the finished tokenizer."""
@@ -108,7 +143,8 @@ class _Run:
         settings = recipe.transformer.model_copy(update={"loop": self._loop(recipe.transformer.loop)})
         data = self.windows(["train"], True)
         tokenizer, folder = self.trained_tokenizer(), self.out / "transformer"
-        train_transformer(recipe.model.transformer, tokenizer, self.encoder(), settings, data, folder, recipe.seed)
+        model, encoder = recipe.model.transformer, self.encoder()
+        train_transformer(model, tokenizer, encoder, settings, data, folder, recipe.seed, self.where)
 
     def _loop(self, settings: LoopSettings) -> LoopSettings:
         return settings if self.iterations is None else settings.model_copy(update={"iterations": self.iterations})
@@ -134,15 +170,16 @@ class _Run:
         networks = build(self.recipe.model)
         loops = {part: self._read(part, module) for part, module in zip(PARTS, networks, strict=True)}
         tokenizer, transformer, _ = networks
-        windows, test = self.windows(["train"], True), self.windows(["test"], False)
-        config = self.recipe.model.model_copy(update={"text": self.text_name})
-        licence, credits = windows.terms()
-        about = {"config": config.model_dump(mode="json"), "licence": licence, "credits": credits}
+        data, test = self.windows(["train"], True), self.windows(["test"], False)
+        licence, credits = data.terms()
+        about = {"config": self.recipe.model.model_dump(mode="json"), "licence": licence, "credits": credits}
         folder = self.out / "weights"
         for part, module in zip(PARTS, networks, strict=True):
             save_weights(module, folder / f"{part}.safetensors", {**about, "part": part}, half=True)
+        encoder = load_text_encoder(self.text_name)
         metrics = {
             "reconstruction": {str(n): reconstruction_error(tokenizer, test, n) for n in (64, 128, 196)},
-            "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, self.encoder(), test),
+            **measure_tokenizer(tokenizer, data, test),
+            "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, encoder, test),
         }
-        write_card(folder, self.recipe, loops, census(windows), windows.hours, (licence, credits), metrics)
+        write_card(folder, self.recipe, loops, census(data), data.hours, (licence, credits), metrics)

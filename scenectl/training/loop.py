@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,11 +18,17 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from scenectl.training.placement import Placement
 from scenes.errors import UserError
 from scenes.files import atomic_write
 
 StepFunction = Callable[[int, torch.Generator], tuple[Tensor, dict[str, float]]]
-"""Iteration and its random generator in; loss and figures to log out."""
+"""Iteration and its random generator in; loss and figures to log out. `FRAMES` among them gives the throughput."""
+
+FRAMES, RATE = "frames", "frames_per_second"
+"""Names of a step's number of frames, and of what the loss curve makes of it."""
+
+_NOT_SHOWN = ("iteration", "seconds", "lr", RATE)
 
 
 class LoopSettings(BaseModel):
@@ -54,11 +61,15 @@ class Loop:
     """Trains one module; everything it knows is in `folder`, so that a killed run goes on where it was.
 
     Every iteration seeds its own random numbers from the run's seed and its index, so that a resumed run
-    sees exactly what an uninterrupted one would have seen.
+    sees exactly what an uninterrupted one would have seen. The state on disk knows no device: a run may go on
+    elsewhere than where it began (dropout and rounding then differ, as they do between machines).
     """
 
-    def __init__(self, module: nn.Module, settings: LoopSettings, folder: Path, seed: int) -> None:
+    def __init__(
+        self, module: nn.Module, settings: LoopSettings, folder: Path, seed: int, place: Placement | None = None
+    ) -> None:
         self.module, self.settings, self.folder, self.seed = module, settings, folder, seed
+        self.module.to((place or Placement()).device)
         self.parameters = [p for p in module.parameters() if p.requires_grad]
         self.optimiser = torch.optim.AdamW(
             self.parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, betas=(0.9, 0.99)
@@ -73,12 +84,18 @@ class Loop:
     def state_path(self) -> Path:
         return self.folder / "state.safetensors"
 
-    def run(self, step: StepFunction, after: Callable[[], None] | None = None) -> None:
+    @property
+    def frames_per_second(self) -> float | None:
+        """Median throughput, which a pause of the machine does not spoil; None where it was not counted."""
+        rates = [point[RATE] for point in self.curve if RATE in point]
+        return statistics.median(rates) if rates else None
+
+    def run(self, step: StepFunction, after: Callable[[], dict[str, float]] | None = None) -> None:
         """Train to the last iteration.
 
         Args:
             step: computes the loss of one iteration.
-            after: called once the optimiser has moved (codebook updates).
+            after: called once the optimiser has moved (codebook updates); returns more figures to log.
         """
         columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
         with Progress(*columns) as progress:
@@ -87,15 +104,15 @@ class Loop:
             while self.iteration < self.settings.iterations:
                 loss, figures = self._step(step)
                 if after is not None:
-                    after()
+                    figures = {**figures, **after()}
                 self._average()
                 self.iteration += 1
                 for key, value in {"loss": loss, **figures}.items():
                     sums.setdefault(key, []).append(value)
                 if self.iteration % self.settings.log_every == 0:
                     now = time.monotonic()
-                    self.seconds, logged = self.seconds + now - logged, now
-                    self._log(sums)
+                    self._log(sums, now - logged)
+                    logged = now
                     sums = {}
                     progress.update(bar, completed=self.iteration, description=self._line())
                 if time.monotonic() - saved > self.settings.save_seconds:
@@ -137,24 +154,28 @@ class Loop:
         for kept, now in zip(self.averaged.buffers(), self.module.buffers(), strict=True):
             kept.copy_(now)
 
-    def _log(self, sums: dict[str, list[float]]) -> None:
+    def _log(self, sums: dict[str, list[float]], elapsed: float) -> None:
+        self.seconds += elapsed
         # A run that was resumed between two points has fewer values for the first one.
-        point = {key: sum(values) / len(values) for key, values in sums.items()}
+        point = {key: sum(values) / len(values) for key, values in sums.items() if key != FRAMES}
+        if FRAMES in sums:
+            point[RATE] = sum(sums[FRAMES]) / max(elapsed, 1e-9)
         self.curve.append({"iteration": self.iteration, "seconds": self.seconds, "lr": self.learning_rate(), **point})
 
     def _line(self) -> str:
         point = self.curve[-1]
-        figures = " ".join(f"{k} {v:.4g}" for k, v in point.items() if k not in ("iteration", "seconds", "lr"))
-        return f"{self.folder.name}: {figures} ({self.iteration / max(self.seconds, 1e-9):.2f} it/s)"
+        figures = " ".join(f"{k} {v:.4g}" for k, v in point.items() if k not in _NOT_SHOWN)
+        speed = f"{self.iteration / max(self.seconds, 1e-9):.2f} it/s"
+        return f"{self.folder.name}: {figures} ({speed}{f', {point[RATE]:,.0f} frames/s' if RATE in point else ''})"
 
     def save(self) -> None:
         """Write weights, moving average, optimiser moments and the loss curve."""
         tensors: dict[str, Tensor] = {}
         for prefix, module in (("model", self.module), ("averaged", self.averaged)):
-            tensors |= {f"{prefix}.{n}": t.detach().clone().contiguous() for n, t in module.state_dict().items()}
+            tensors |= {f"{prefix}.{n}": t.detach().cpu().clone().contiguous() for n, t in module.state_dict().items()}
         for i, parameter in enumerate(self.parameters):
             for key, value in self.optimiser.state.get(parameter, {}).items():
-                tensors[f"moment.{i}.{key}"] = torch.as_tensor(value).clone()
+                tensors[f"moment.{i}.{key}"] = torch.as_tensor(value).cpu().clone()
         about = {"iteration": self.iteration, "seconds": self.seconds, "seed": self.seed}
         with atomic_write(self.state_path) as file:
             file.write(save(tensors, metadata={"about": json.dumps(about)}))
@@ -184,8 +205,10 @@ class Loop:
             moments = {
                 k: tensors[f"moment.{i}.{k}"] for k in ("step", "exp_avg", "exp_avg_sq") if f"moment.{i}.{k}" in tensors
             }
-            if moments:
-                self.optimiser.state[parameter] = moments
+            if moments:  # the count of steps stays on the CPU, where AdamW wants it
+                self.optimiser.state[parameter] = {
+                    k: t if k == "step" else t.to(parameter.device) for k, t in moments.items()
+                }
 
     def _resume_curve(self) -> None:
         path = self.folder / "curve.json"

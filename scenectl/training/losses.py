@@ -7,7 +7,7 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
-from scenectl.data.features import CONTACT_JOINTS, ROOT_VELOCITY, YAW, features_to_joints
+from scenectl.data.features import CONTACT_JOINTS, CONTACTS, ROOT_VELOCITY, YAW, features_to_joints
 from scenes.skeleton import HUMANML3D
 
 _FEET = HUMANML3D.indices(CONTACT_JOINTS)
@@ -21,6 +21,8 @@ class ReconstructionWeights(BaseModel):
         root: extra weight of yaw and root velocity, whose errors add up over the clip.
         joints: L1 on global joint positions (m).
         feet: L1 on the displacement of ankles and feet between frames (m).
+        velocities: L1 on the displacement of all joints between frames (m).
+        contacts: L1 on the displacement of an ankle or foot between frames while the true one stands still (m).
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -29,6 +31,8 @@ class ReconstructionWeights(BaseModel):
     root: float = 1.0
     joints: float = 2.0
     feet: float = 10.0
+    velocities: float = 0.0
+    contacts: float = 0.0
 
 
 def reconstruction_loss(
@@ -42,11 +46,18 @@ def reconstruction_loss(
     root = error[..., YAW].mean() + error[..., ROOT_VELOCITY].mean()
     joints, true = features_to_joints(got), features_to_joints(wanted)
     difference = joints - true
-    feet = difference[..., _FEET, :].diff(dim=-3).abs().mean()
+    steps = difference.diff(dim=-3).abs()
+    feet = steps[..., _FEET, :].mean()
     loss = (
         weights.features * error.mean()
         + weights.root * root
         + weights.joints * difference.abs().mean()
         + weights.feet * feet
     )
+    if weights.velocities:
+        loss = loss + weights.velocities * steps.mean()
+    if weights.contacts:
+        sliding = joints[..., _FEET, :].diff(dim=-3).abs().mean(-1)
+        stands = (wanted[..., :-1, CONTACTS] > 0.5).to(sliding)
+        loss = loss + weights.contacts * (sliding * stands).sum() / stands.sum().clamp_min(1.0)
     return loss, difference.detach().norm(dim=-1).mean()

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from scenectl.data.augment import Augmentation
 from scenectl.models.config import ModelConfig
+from scenectl.training.placement import Precision
 from scenectl.training.refiner import RefinerTraining
 from scenectl.training.tokenizer import TokenizerTraining
 from scenectl.training.transformer import TransformerTraining
 from scenes.errors import UserError, did_you_mean
+
+
+class Variant(BaseModel):
+    """A recipe's variant: its name, and the keys that it changes, by their dotted names."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = Field(pattern=r"^[\w.+-]+$")
+    set: dict[str, Any] = {}
 
 
 class Recipe(BaseModel):
@@ -22,31 +34,97 @@ class Recipe(BaseModel):
     Attributes:
         seed: of windows, initial weights and dropout.
         commercial_only: leave out clips whose terms forbid commercial use.
+        precision: in which networks compute while they train (`scenectl.training.placement.place`).
+        sweep: variants of this recipe that `scenectl train sweep` compares.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     seed: int = 0
     commercial_only: bool = False
+    precision: Precision = "auto"
     model: ModelConfig
     augmentation: Augmentation = Augmentation()
     tokenizer: TokenizerTraining
     refiner: RefinerTraining
     transformer: TransformerTraining
+    sweep: tuple[Variant, ...] = ()
+
+    def varied(self, changes: Mapping[str, Any]) -> Recipe:
+        """This recipe with some of its keys changed, each given by its dotted name.
+
+        Raises:
+            UserError: a key or value that recipes do not have.
+        """
+        table = self.model_dump()
+        for dotted, value in changes.items():
+            *path, last = dotted.split(".")
+            inner = table
+            for key in path:
+                inner = inner.get(key, {}) if isinstance(inner, dict) else {}
+            if not isinstance(inner, dict) or last not in inner:
+                raise UserError(f"recipe '{self.model.name}' has no key '{dotted}'{did_you_mean(dotted, _keys(table))}")
+            inner[last] = value
+        try:
+            return Recipe.model_validate(table)
+        except ValidationError as error:
+            raise UserError(f"recipe '{self.model.name}': {_first(error)}") from error
 
 
 def load_recipe(name: str | Path) -> Recipe:
-    """A bundled recipe by name, or a TOML file; raises UserError saying which line of it is wrong."""
+    """A bundled recipe by name, or a TOML file; raises UserError saying which line of it is wrong.
+
+    A recipe with ``extends = "compact"`` is that one (bundled, or a file beside it) with its own keys in place of
+    the other's, table by table.
+    """
+    path = _find(name, Path())
+    try:
+        return Recipe.model_validate(_table(path, ()))
+    except ValidationError as error:
+        raise UserError(f"training config '{path}': {_first(error)}") from error
+
+
+def _find(name: str | Path, beside: Path) -> Path:
     folder = Path(str(files("scenectl"))) / "configs"
     known = sorted(path.stem for path in folder.glob("*.toml"))
-    path = folder / f"{name}.toml" if str(name) in known else Path(name)
+    path = folder / f"{name}.toml" if str(name) in known else beside / name
     if not path.is_file():
         raise UserError(f"no training config '{name}': neither a file nor bundled{did_you_mean(str(name), known)}")
+    return path
+
+
+def _table(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """A recipe's keys over those of the one it extends."""
+    if path.resolve() in seen:
+        raise UserError(f"training config '{path}' extends itself; let one of the configs stand alone")
     try:
-        return Recipe.model_validate(tomllib.loads(path.read_text()))
+        table = tomllib.loads(path.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(f"training config '{path}' is not valid TOML: {error}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise UserError(f"training config '{path}': {where}: {first['msg'].lower()}") from error
+    other = table.pop("extends", None)
+    if other is None:
+        return table
+    if not isinstance(other, str):
+        raise UserError(f"training config '{path}': extends: give the name of one config")
+    return _over(_table(_find(other, path.parent), (*seen, path.resolve())), table)
+
+
+def _over(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in changes.items():
+        old = base.get(key)
+        merged[key] = _over(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _keys(table: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Dotted names of everything that is no table."""
+    found: list[str] = []
+    for key, value in table.items():
+        found += _keys(value, f"{prefix}{key}.") if isinstance(value, dict) else [f"{prefix}{key}"]
+    return found
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg'].lower()}"

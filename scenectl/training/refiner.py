@@ -12,8 +12,9 @@ from scenectl.models.config import RefinerConfig
 from scenectl.models.refiner import Refiner
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.training.dataset import Windows
-from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.loop import FRAMES, Loop, LoopSettings
 from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
+from scenectl.training.placement import Placement
 
 
 class RefinerTraining(BaseModel):
@@ -27,27 +28,35 @@ class RefinerTraining(BaseModel):
 
 
 def train_refiner(
-    config: RefinerConfig, tokenizer: Tokenizer, settings: RefinerTraining, data: Windows, folder: Path, seed: int
+    config: RefinerConfig,
+    tokenizer: Tokenizer,
+    settings: RefinerTraining,
+    data: Windows,
+    folder: Path,
+    seed: int,
+    place: Placement | None = None,
 ) -> Loop:
-    """Train, or go on training, in `folder`."""
-    tokenizer.eval().requires_grad_(False)
+    """Train, or go on training, in `folder`; the tokens are those of float32."""
+    place = place or Placement()
+    tokenizer.to(place.device).eval().requires_grad_(False)
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Refiner(config, tokenizer.config.code_dim, tokenizer.quantiser.scales)
-    loop = Loop(model, settings.loop, folder, seed)
+    loop = Loop(model, settings.loop, folder, seed, place)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         choice = int(torch.randint(len(settings.frames), (), generator=generator))
         frames = settings.frames[choice]
         batch = max(1, settings.loop.batch * settings.frames[0] // frames)
-        features, _ = data.draw(frames, batch, generator)
+        features = data.draw(frames, batch, generator)[0].to(place.device)
         with torch.no_grad():
             tokens = tokenizer.encode(features)
         finest = tokens[-1].shape[-1]
         codes = [tokenizer.quantiser.lookup(k, t) for k, t in enumerate(tokens)]
-        refined = [e + model(e, k, finest) for k, e in enumerate(codes)]
-        got = tokenizer.decode_latent(tokenizer.quantiser.latent(refined, finest))
-        loss, error = reconstruction_loss(got, features, tokenizer.std, settings.reconstruction)
-        return loss, {"error_m": float(error)}
+        with place.autocast():
+            refined = [e + model(e, k, finest) for k, e in enumerate(codes)]
+            got = tokenizer.decode_latent(tokenizer.quantiser.latent(refined, finest))
+        loss, error = reconstruction_loss(got.float(), features, tokenizer.std, settings.reconstruction)
+        return loss, {"error_m": float(error), FRAMES: float(batch * frames)}
 
     loop.run(step)
     return loop

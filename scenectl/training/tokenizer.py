@@ -13,8 +13,12 @@ from scenectl.data.features import features_to_joints
 from scenectl.models.config import TokenizerConfig
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.training.dataset import Windows
-from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.loop import FRAMES, Loop, LoopSettings
 from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
+from scenectl.training.placement import Placement
+
+REVIVED = "revived"
+"""Name, in the loss curve, of the codes restarted on data, per step."""
 
 
 class TokenizerTraining(BaseModel):
@@ -44,43 +48,60 @@ class TokenizerTraining(BaseModel):
 
 
 def train_tokenizer(
-    config: TokenizerConfig, settings: TokenizerTraining, data: Windows, folder: Path, seed: int
+    config: TokenizerConfig,
+    settings: TokenizerTraining,
+    data: Windows,
+    folder: Path,
+    seed: int,
+    place: Placement | None = None,
 ) -> Loop:
-    """Train, or go on training, in `folder`; returns the finished loop, whose `averaged` is the result."""
+    """Train, or go on training, in `folder`; returns the finished loop, whose `averaged` is the result.
+
+    Encoder and decoder compute in the placement's precision; quantisation, joints and losses always in float32.
+    """
+    place = place or Placement()
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Tokenizer(config)
     mean, std = data.statistics()
     model.mean.copy_(mean)
     model.std.copy_(std)
-    loop = Loop(model, settings.loop, folder, seed)
+    loop = Loop(model, settings.loop, folder, seed, place)
+
+    def decoded(latent: Tensor) -> Tensor:
+        with place.autocast():
+            return model.decode_latent(latent).float()
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         choice = int(torch.randint(len(settings.frames), (), generator=generator))
         frames = settings.frames[choice]
         # The same number of frames a step, whatever the length of the windows.
         batch = max(1, settings.loop.batch * settings.frames[0] // frames)
-        features, _ = data.draw(frames, batch, generator)
-        latent = model.latent(features)
+        features = data.draw(frames, batch, generator)[0].to(place.device)
+        with place.autocast():
+            latent = model.latent(features)
+        latent = latent.float()
+        seen = {FRAMES: float(batch * frames)}
         if iteration < settings.continuous:
-            loss, error = reconstruction_loss(model.decode_latent(latent), features, model.std, settings.reconstruction)
-            return loss, {"error_m": float(error)}
+            loss, error = reconstruction_loss(decoded(latent), features, model.std, settings.reconstruction)
+            return loss, {"error_m": float(error), **seen}
         if iteration == settings.continuous:
             model.quantiser.initialise(latent.detach())
-        quantised = model.quantiser(latent, _kept_scales(model, batch, settings.dropout, generator))
-        loss, error = reconstruction_loss(
-            model.decode_latent(quantised.latent), features, model.std, settings.reconstruction
-        )
+        kept = _kept_scales(model, batch, settings.dropout, generator).to(place.device)
+        quantised = model.quantiser(latent, kept)
+        loss, error = reconstruction_loss(decoded(quantised.latent), features, model.std, settings.reconstruction)
         total = loss + quantised.codebook_loss + settings.commitment * quantised.commitment_loss
         figures = {
             "error_m": float(error),
             "commitment": float(quantised.commitment_loss.detach()),
             "codes": float(torch.unique(quantised.tokens[-1]).numel()),
+            **seen,
         }
         return total, figures
 
-    def after() -> None:
-        if loop.iteration >= settings.continuous:
-            model.quantiser.update_codebook(settings.decay, settings.revive_below)
+    def after() -> dict[str, float]:
+        if loop.iteration < settings.continuous:
+            return {}
+        return {REVIVED: float(model.quantiser.update_codebook(settings.decay, settings.revive_below))}
 
     loop.run(step, after)
     return loop

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
 from pydantic import BaseModel, ConfigDict
-from torch import Tensor
+from torch import Tensor, nn
 
 from scenectl.models.config import TransformerConfig
 from scenectl.models.schedule import DOWNSAMPLING
@@ -16,7 +16,8 @@ from scenectl.models.tokenizer import Tokenizer
 from scenectl.models.transformer import ScaleTransformer
 from scenectl.text import TextEncoder, TextFeatures
 from scenectl.training.dataset import Windows
-from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.loop import FRAMES, Loop, LoopSettings
+from scenectl.training.placement import Placement
 
 
 class TransformerTraining(BaseModel):
@@ -48,10 +49,9 @@ class Captions:
         index = {text: i for i, text in enumerate(texts)}
         self.of_clip = [[index[text] for text in captions] for captions in data.captions]
         parts = [encoder.encode(texts[i : i + 64]) for i in range(0, len(texts), 64)]
-        longest = max(p.words.shape[1] for p in parts)
-        self.sentence = torch.cat([p.sentence for p in parts])
-        self.words = torch.cat([F.pad(p.words, (0, 0, 0, longest - p.words.shape[1])) for p in parts])
-        self.mask = torch.cat([F.pad(p.mask, (0, longest - p.mask.shape[1])) for p in parts])
+        self.sentence = torch.cat([p.sentence for p in parts]).cpu()
+        # Without padding: a large data set's captions, all as long as the longest one, would fill the memory.
+        self.words = [row[mask].cpu() for p in parts for row, mask in zip(p.words, p.mask, strict=True)]
 
     def draw(self, clips: Int[Tensor, " B"], generator: torch.Generator) -> TextFeatures:
         """A random caption of each clip."""
@@ -59,8 +59,10 @@ class Captions:
         rows = torch.tensor(
             [self.of_clip[c][int(u * len(self.of_clip[c]))] for c, u in zip(clips.tolist(), uniform, strict=True)]
         )
-        words = int(self.mask[rows].sum(-1).max())
-        return TextFeatures(self.sentence[rows], self.words[rows, :words], self.mask[rows, :words])
+        chosen = [self.words[row] for row in rows.tolist()]
+        lengths = torch.tensor([len(words) for words in chosen])
+        words = nn.utils.rnn.pad_sequence(chosen, batch_first=True)
+        return TextFeatures(self.sentence[rows], words, torch.arange(words.shape[1]) < lengths[:, None])
 
 
 def train_transformer(
@@ -71,28 +73,35 @@ def train_transformer(
     data: Windows,
     folder: Path,
     seed: int,
+    place: Placement | None = None,
 ) -> Loop:
-    """Train, or go on training, in `folder`."""
-    tokenizer.eval().requires_grad_(False)
+    """Train, or go on training, in `folder`; the tokens are those of float32."""
+    place = place or Placement()
+    tokenizer.to(place.device).eval().requires_grad_(False)
     captions = Captions(data, encoder)
     quantiser = tokenizer.quantiser
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
-    loop = Loop(model, settings.loop, folder, seed)
+    loop = Loop(model, settings.loop, folder, seed, place)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
         finest = int(torch.randint(low, high + 1, (), generator=generator))
         batch = max(4, settings.loop.batch * 16 // finest)
         features, clips = data.draw(finest * DOWNSAMPLING, batch, generator)
-        tokens = _tokens(tokenizer, features)
+        tokens = _tokens(tokenizer, features.to(place.device))
         drop = torch.rand(batch, generator=generator) < settings.drop_text
-        prompt = model.without_text(captions.draw(clips, generator), drop)
+        prompt = place.text(captions.draw(clips, generator))
         seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
-        logits = model(quantiser, prompt, seen, finest)
-        target = torch.cat(tokens, dim=1)
-        loss = F.cross_entropy(logits.flatten(0, 1), target.flatten(), label_smoothing=settings.smoothing)
-        return loss, {"cross_entropy": float(F.cross_entropy(logits.detach().flatten(0, 1), target.flatten()))}
+        with place.autocast():
+            logits = model(quantiser, model.without_text(prompt, drop.to(place.device)), seen, finest)
+        logits, target = logits.float().flatten(0, 1), torch.cat(tokens, dim=1).flatten()
+        loss = F.cross_entropy(logits, target, label_smoothing=settings.smoothing)
+        figures = {
+            "cross_entropy": float(F.cross_entropy(logits.detach(), target)),
+            FRAMES: float(batch * finest * DOWNSAMPLING),
+        }
+        return loss, figures
 
     loop.run(step)
     return loop
@@ -104,8 +113,9 @@ def _tokens(tokenizer: Tokenizer, features: Float[Tensor, "B T 263"]) -> list[In
 
 
 def _corrupted(tokens: Int[Tensor, "B L"], share: float, codes: int, generator: torch.Generator) -> Int[Tensor, "B L"]:
-    random = torch.randint(codes, tokens.shape, generator=generator)
-    return torch.where(torch.rand(tokens.shape, generator=generator) < share, random, tokens)
+    # Drawn on the CPU, so that a run sees the same numbers on every device.
+    random = torch.randint(codes, tokens.shape, generator=generator).to(tokens.device)
+    return torch.where((torch.rand(tokens.shape, generator=generator) < share).to(tokens.device), random, tokens)
 
 
 @torch.no_grad()

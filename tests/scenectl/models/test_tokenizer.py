@@ -211,12 +211,47 @@ def test_codes_that_nothing_uses_restart_on_data(normalised: bool) -> None:
     f = torch.zeros(2, 16, 9)
     f[:, 0] = 5.0  # every vector points the same way, so that one code takes them all
     q(f)
-    pool = q._seen.pool.clone()
-    q.update_codebook(0.5, revive_below=0.05)
+    pool = torch.cat(list(q._seen.pool.values()))
+    assert q.update_codebook(0.5, revive_below=0.05) == 2
     for code in (3, 8):
         assert min(float((q.codebook[code] - v).norm()) for v in pool) < 1e-4
         assert q.usage[code] > 0.05
     assert torch.isfinite(q.codebook).all()
+
+
+def _distance(a: Tensor, b: Tensor) -> Tensor:
+    """From each row of `a` to the nearest of `b`, exactly."""
+    return torch.cdist(a, b, compute_mode="donot_use_mm_for_euclid_dist").amin(1)
+
+
+@torch.no_grad()
+def test_restarts_of_a_shared_codebook_come_from_every_scale() -> None:
+    q = quantiser(normalised=False).train()
+    q(torch.randn(8, 16, 9))
+    shown = {k: pool.clone() for k, pool in q._seen.pool.items()}
+    q.usage.zero_()
+    assert q.update_codebook(1.0, revive_below=0.05) == 16
+    near = {k: _distance(q.codebook, pool) < 1e-4 for k, pool in shown.items()}
+    assert torch.stack(list(near.values())).any(0).all() and sum(bool(hit.any()) for hit in near.values()) > 1
+
+
+@torch.no_grad()
+def test_scales_with_codes_of_their_own_learn_and_restart_apart() -> None:
+    q = quantiser(shared_codebook=False).train()
+    count, f = len(SCALES), torch.randn(4, 16, 9)
+    assert q.codebook.shape == (16 * count, 16)
+    q.initialise(f)
+    tokens = q(f).tokens
+    assert all(int(t.max()) < 16 for t in tokens)
+    used = q._seen.count.view(count, 16)
+    for k, t in enumerate(tokens):
+        torch.testing.assert_close(used[k], torch.bincount(t.flatten(), minlength=16).float())
+    shown = {k: F.normalize(pool, dim=-1) for k, pool in q._seen.pool.items()}
+    q.usage.zero_()
+    q.update_codebook(1.0, revive_below=0.05)
+    for k, pool in shown.items():
+        assert (_distance(q.codebook[16 * k : 16 * (k + 1)], pool) < 1e-4).all()
+    torch.testing.assert_close(q.codes(2), q.codebook[32:48] * q.gain[2])
 
 
 @torch.no_grad()

@@ -45,7 +45,11 @@ def train(folder: Path, how: LoopSettings, stop: int | None = None, width: int =
         loss = (model.net(x)[:, 0] - x.sum(1)).square().mean()  # dropout draws from the global generator
         return loss, {"iteration_twice": 2.0 * iteration, **({"late": 1.0} if iteration >= 8 else {})}
 
-    loop.run(step, lambda: model.seen.add_(1.0).fill_(float(model.seen)))
+    def after() -> dict[str, float]:
+        model.seen.add_(1.0)
+        return {"seen": float(model.seen)}
+
+    loop.run(step, after)
     return loop
 
 
@@ -67,6 +71,7 @@ def test_the_curve_goes_on_and_holds_means(tmp_path: Path) -> None:
     whole = train(tmp_path / "whole", settings())
     assert [p["iteration"] for p in whole.curve] == [5, 10]
     assert [p["iteration_twice"] for p in whole.curve] == [4.0, 14.0]
+    assert [p["seen"] for p in whole.curve] == [3.0, 8.0]  # means of 1..5 and 6..10: what `after` says is logged too
     assert "late" not in whole.curve[0] and whole.curve[1]["late"] == 1.0  # a mean over the steps that had it
     with pytest.raises(Killed):
         train(tmp_path / "killed", settings(), 7)

@@ -139,13 +139,17 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
         "curves.png",
     }
     card = (weights / "MODEL_CARD.md").read_text()
-    for words in ("# Model card: tiny", "non-commercial", "NSF EIA-0196217", "CC BY-NC 4.0", "| tokenizer | 8 |"):
+    for words in (
+        "# Model card: tiny", "non-commercial", "NSF EIA-0196217", "CC BY-NC 4.0", "| tokenizer | 8 |",
+        "frames a second", "Codes restarted", "| left wrist |", "| 4 to 10 Hz |", "| scale | codes used, training |",
+    ):  # fmt: skip
         assert words in card
     metrics = json.loads((weights / "metrics.json").read_text())
     assert metrics["reconstruction"]["64"]["all"]["clips"] == 2.0
     assert 0 < metrics["reconstruction"]["64"]["all"]["global_error_m"] < 10
     assert metrics["reconstruction"]["196"] == {}
     assert len(metrics["cross_entropy_by_scale"]) == 3 and all(0 < x < 10 for x in metrics["cross_entropy_by_scale"])
+    assert [row["scale"] for row in metrics["code_use"]["test"]] == [1, 2, 3]
     assert (weights / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -231,6 +235,8 @@ def test_the_reconstruction_loss_is_its_terms() -> None:
         "root": smooth[..., 0].mean() + smooth[..., 1:3].mean(),
         "joints": difference.abs().mean(),
         "feet": (feet[:, 1:] - feet[:, :-1]).abs().mean(),
+        "velocities": (difference[:, 1:] - difference[:, :-1]).abs().mean(),
+        "contacts": sliding(features_to_joints(got)[:, :, [7, 10, 8, 11]], wanted[..., 259:263] > 0.5),
     }
     silent = dict.fromkeys(terms, 0.0)
     for name, value in terms.items():
@@ -239,6 +245,18 @@ def test_the_reconstruction_loss_is_its_terms() -> None:
         torch.testing.assert_close(error, difference.norm(dim=-1).mean())
     perfect, error = reconstruction_loss(wanted, wanted, std, ReconstructionWeights())
     assert float(perfect) == 0.0 and float(error) == 0.0
+
+
+def sliding(feet: torch.Tensor, stands: torch.Tensor) -> torch.Tensor:
+    """Mean displacement along an axis over the frames at which the true foot stands, one by one."""
+    steps = [
+        (feet[0, t + 1, j] - feet[0, t, j]).abs().mean()
+        for t in range(feet.shape[1] - 1)
+        for j in range(4)
+        if stands[0, t, j]
+    ]
+    assert len(steps) > 20
+    return torch.stack(steps).mean()
 
 
 def test_dropout_keeps_at_least_one_scale_and_mostly_all() -> None:
@@ -297,6 +315,35 @@ def test_reconstruction_errors_are_what_they_are_called(data: Path, tmp_path: Pa
         assert row["global_error_m"] == pytest.approx(0.1, abs=1e-5)
         assert row["local_error_m"] == pytest.approx(0.0, abs=1e-5)
         assert row["root_drift_m"] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_the_permissive_recipe_is_compact_on_free_data() -> None:
+    ours, compact = load_recipe("permissive").model_dump(), load_recipe("compact").model_dump()
+    assert (ours["commercial_only"], ours["model"]["name"]) == (True, "permissive")
+    ours["commercial_only"], ours["model"]["name"] = False, "compact"
+    assert ours == compact
+
+
+def test_a_recipe_extends_another_key_by_key(recipe: Path, tmp_path: Path) -> None:
+    (tmp_path / "base.toml").write_text(TINY)
+    path = tmp_path / "own.toml"
+    path.write_text('extends = "base.toml"\n[model]\nname = "own"\n[tokenizer]\nframes = [24]\n')
+    got, base = load_recipe(path), load_recipe(recipe)
+    assert got == base.varied({"model.name": "own", "tokenizer.frames": [24]})
+    assert got.tokenizer.loop == base.tokenizer.loop and got.tokenizer.frames == (24,)
+    for text, words in (("'own.toml'", "extends itself"), ("'bse'", "no training config 'bse'"), ("3", "one config")):
+        path.write_text(f"extends = {text}")
+        with pytest.raises(UserError, match=words):
+            load_recipe(path)
+
+
+def test_variants_of_unknown_keys_name_the_nearest(recipe: Path) -> None:
+    made = load_recipe(recipe)
+    with pytest.raises(UserError, match=r"did you mean 'model\.tokenizer\.codes'"):
+        made.varied({"model.tokenizer.code": 8})
+    with pytest.raises(UserError, match=r"tokenizer\.dropout"):
+        made.varied({"tokenizer.dropout": "much"})
+    assert made.varied({"tokenizer.reconstruction.contacts": 3}).tokenizer.reconstruction.contacts == 3.0
 
 
 def test_recipes_hold_everything_they_are_made_of(recipe: Path) -> None:
