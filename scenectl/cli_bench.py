@@ -278,7 +278,7 @@ def gallery(
 
 
 def train(
-    stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer, export or sweep.")],
+    stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer, export, sweep or evaluator.")],
     data: Data = DATA,
     config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the run.")] = Path("runs/compact"),
@@ -287,13 +287,18 @@ def train(
     threads: Threads = None,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
 ) -> None:
-    """Train one stage or all, or compare small variants (sweep); what was stopped goes on where it was."""
+    """Train one stage or all, compare small variants (sweep), or train what evaluates; what was stopped goes on."""
     from scenectl.training.command import STAGES
     from scenectl.training.command import train as learn
 
-    known = ("all", *STAGES, "sweep")
+    known = ("all", *STAGES, "sweep", "evaluator")
     if stage == "sweep":
         _sweep(data, config, output, iterations, threads, device)
+        return
+    if stage == "evaluator":
+        from scenectl.evaluation.training import train_evaluator
+
+        out.print(f"the weights are in {train_evaluator(data, output)}")
         return
     if stage not in known:
         raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
