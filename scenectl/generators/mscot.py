@@ -6,16 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 
 from scenectl.data.features import FPS, features_to_joints
 from scenectl.generators.base import Generation, Guide, Progress
+from scenectl.generators.keeping import Kept
 from scenectl.generators.steps import DecodedStep
 from scenectl.generators.windows import Windows, in_turns
 from scenectl.models.bundle import Bundle
-from scenectl.models.schedule import MIN_FRAMES, tokens_for
+from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES, tokens_for
 from scenectl.models.transformer import Cache
 from scenectl.text import TextFeatures
 from scenes.errors import UserError
@@ -59,6 +60,7 @@ class _State:
         codes: embeddings of the tokens drawn so far, by scale, ``[S, W * L_k, d]``.
         refined: the same with the refiner's residuals.
         moved: nats by which goals moved each scale's distribution, mean KL a position.
+        kept: what an edit keeps of a motion.
     """
 
     frames: int
@@ -67,6 +69,7 @@ class _State:
     codes: list[Tensor]
     refined: list[Tensor]
     moved: list[float]
+    kept: Kept | None = None
 
     @property
     def finest(self) -> int:
@@ -132,9 +135,45 @@ class MSCoT:
         frames = self._frames(prompt, seconds, samples)
         draw = torch.Generator().manual_seed(seed)
         state = _State(frames, Windows.covering(tokens_for(frames)), start, [], [], [])
+        return self._made(state, prompt, guide, samples, draw, progress)
+
+    def edit(
+        self,
+        motion: Motion,
+        regenerate: Bool[Tensor, " T"],
+        prompt: str,
+        guide: Guide | None = None,
+        samples: int = 1,
+        seed: int = 0,
+        progress: Progress | None = None,
+    ) -> Generation:
+        """Parts of a motion ``[T, 22, 3]`` made anew, in its own frame, by keeping the tokens of the rest.
+
+        Lengths are those of one window, 36 to 196 frames at 20 fps. Raises UserError for others, and where
+        `regenerate` holds no frame or all of them.
+        """
+        frames = self._frames(prompt, motion.frames / FPS, samples)
+        if frames > MAX_FRAMES:
+            raise UserError(f"the motion has {frames} frames; one that can be edited has {MIN_FRAMES} to {MAX_FRAMES}")
+        if regenerate.all() or not regenerate.any():
+            raise UserError("an edit keeps some frames and makes others anew; this one has only one kind")
+        kept = Kept.of(self.bundle.tokenizer, motion, regenerate)
+        state = _State(frames, Windows.covering(tokens_for(frames)), Pose2D(), [], [], [], kept)
+        return self._made(state, prompt, guide, samples, torch.Generator().manual_seed(seed), progress)
+
+    def _made(
+        self,
+        state: _State,
+        prompt: str,
+        guide: Guide | None,
+        samples: int,
+        draw: torch.Generator,
+        progress: Progress | None,
+    ) -> Generation:
+        """Algorithm 3."""
         self._draw_tokens(state, self._text(prompt, samples * state.windows.count), guide, draw, progress)
         motion = self._decode(state, state.refined)
-        trace: dict[str, object] = {"tilt_kl_nats": state.moved, "frames": frames}
+        trace: dict[str, object] = {"tilt_kl_nats": state.moved, "frames": state.frames}
         if guide is None:
             return Generation(motion, None, trace)
         refined = self._refine(state, guide)
@@ -177,6 +216,10 @@ class MSCoT:
     ) -> Int[Tensor, "S W*L_k"]:
         """Tokens of scale k; those of windows agree with their neighbours'."""
         sampling, windows = self.sampling, state.windows
+        if state.kept is not None:
+            close = state.kept.closeness(self.quantiser, state.refined, len(logits))
+            tokens = _sample(logits + clipped(SEAM * close, sampling.clip_nats), sampling.top_p, draw)
+            return state.kept.replaced(self.quantiser, tokens, close, k)
         if windows.count == 1:
             return _sample(logits, sampling.top_p, draw)
 
@@ -211,7 +254,8 @@ class MSCoT:
         """World motion of embeddings, for as many scales as there are (algorithm 2)."""
         latent = self._latent(state, embeddings)
         features = self.bundle.tokenizer.decode_latent(latent)[:, : state.frames]
-        return Motion(features_to_joints(features), fps=FPS).placed(state.start)
+        motion = Motion(features_to_joints(features), fps=FPS)
+        return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
 
     def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _W*L_k d"]]) -> Float[Tensor, "S d N"]:
         """Latent of the whole motion, for as many scales as there are."""
