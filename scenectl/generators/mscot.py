@@ -26,7 +26,7 @@ MAX_SECONDS = 60.0
 """Beyond this a request is taken for a mistake; the schedule itself has no limit."""
 
 SEAM = 10.0
-"""Certainty with which a window follows its neighbour: how often over its overlap is counted (nats, see `closeness`)."""
+"""Certainty with which a window follows its neighbour: `closeness` is counted so many times over."""
 
 
 class Sampling(BaseModel):
