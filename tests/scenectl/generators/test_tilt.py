@@ -10,8 +10,8 @@ from torch import Tensor
 
 from scenectl.generators.base import Step
 from scenectl.generators.mscot import MSCoT, Sampling, _State, exact_tilt
-from scenectl.generators.windows import Windows
 from scenectl.generators.steps import DecodedStep
+from scenectl.generators.windows import Windows
 from scenes.motion import Motion, Pose2D
 from tests.scenectl.small import bundle, double
 
