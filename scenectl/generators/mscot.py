@@ -212,8 +212,8 @@ class MSCoT:
                 state.refined.append(codes + state.windows.series(residual))
 
     def _tokens(
-        self, state: _State, logits: Float[Tensor, "S W*L_k V"], k: int, draw: torch.Generator
-    ) -> Int[Tensor, "S W*L_k"]:
+        self, state: _State, logits: Float[Tensor, "S M V"], k: int, draw: torch.Generator
+    ) -> Int[Tensor, "S M"]:
         """Tokens of scale k; those of windows agree with their neighbours'."""
         sampling, windows = self.sampling, state.windows
         if state.kept is not None:
@@ -257,7 +257,7 @@ class MSCoT:
         motion = Motion(features_to_joints(features), fps=FPS)
         return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
 
-    def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _W*L_k d"]]) -> Float[Tensor, "S d N"]:
+    def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _M d"]]) -> Float[Tensor, "S d N"]:
         """Latent of the whole motion, for as many scales as there are."""
         windows = state.windows
         return windows.join(self.quantiser.latent([windows.rows(e) for e in embeddings], state.finest))

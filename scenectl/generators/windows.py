@@ -34,8 +34,8 @@ smoother than either."""
 class Windows:
     """Windows of equal length over a row of tokens of the finest scale.
 
-    Tensors of all windows have the windows one after the other along the second axis, ``[S, W * L, ...]``, so that
-    whoever looks on sees samples first; `rows` and `series` convert to a batch of windows and back.
+    Tensors of all windows have the windows one after the other along the second axis, ``[S, M = W * L, ...]``, so that
+    whoever looks on sees samples first; `rows` and `series` convert to a batch of R = S * W windows and back.
 
     Attributes:
         tokens: N, of the whole motion at the finest scale.
@@ -61,15 +61,15 @@ class Windows:
         """W, the number of windows."""
         return len(self.starts)
 
-    def rows(self, x: Float[Tensor, "S W*L d"]) -> Float[Tensor, "S*W L d"]:
+    def rows(self, x: Float[Tensor, "S M d"]) -> Float[Tensor, "R L d"]:
         """Every window a row of its own."""
         return x.unflatten(1, (self.count, -1)).flatten(0, 1)
 
-    def series(self, x: Float[Tensor, "S*W L d"]) -> Float[Tensor, "S W*L d"]:
+    def series(self, x: Float[Tensor, "R L d"]) -> Float[Tensor, "S M d"]:
         """A sample's windows one after the other."""
         return x.unflatten(0, (-1, self.count)).flatten(1, 2)
 
-    def join(self, latent: Float[Tensor, "S*W d n"]) -> Float[Tensor, "S d N"]:
+    def join(self, latent: Float[Tensor, "R d n"]) -> Float[Tensor, "S d N"]:
         """Latent of the whole motion: each window's own, cross-faded in the overlaps."""
         if self.count == 1:
             return latent
@@ -77,11 +77,11 @@ class Windows:
         flat = faded.transpose(1, 2).flatten(2)
         return flat.new_zeros(*flat.shape[:2], self.tokens).index_add(2, self._at.flatten(), flat)
 
-    def split(self, latent: Float[Tensor, "S d N"]) -> Float[Tensor, "S*W d n"]:
+    def split(self, latent: Float[Tensor, "S d N"]) -> Float[Tensor, "R d n"]:
         """Each window's part of a latent of the whole motion."""
         return latent[..., self._at].transpose(1, 2).flatten(0, 1)
 
-    def disagreement(self, latent: Float[Tensor, "S*W d n"]) -> Float[Tensor, "S*W d n"]:
+    def disagreement(self, latent: Float[Tensor, "R d n"]) -> Float[Tensor, "R d n"]:
         """What each window lacks of its neighbours' latent, times the share that `others` gives them."""
         return self.split(self.join(latent)) - latent
 
