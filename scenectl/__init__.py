@@ -34,6 +34,7 @@ _HOME = {
     "Waypoints": "scenes.primitives",
     "bundled": "scenes.scene",
     "csg": "scenes.primitives",
+    "edit": "scenectl.editing",
     "free_area": "scenes.floor",
     "goal": "objectives",
     "goals": "objectives",
@@ -69,6 +70,7 @@ __all__ = [
     "__version__",
     "bundled",
     "csg",
+    "edit",
     "free_area",
     "goal",
     "goals",
@@ -83,6 +85,7 @@ __all__ = [
 if TYPE_CHECKING:
     from objectives import Context, Objective, Term, goal, goals
     from scenectl.control import ObjectiveGuide
+    from scenectl.editing import edit
     from scenectl.generators import load_generator
     from scenectl.runner import Result, run, score
     from scenectl.task import Task, load_task

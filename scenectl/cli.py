@@ -18,6 +18,7 @@ from rich.table import Table
 
 import scenectl
 from scenectl.cli_bench import bench, train
+from scenectl.cli_edit import edit
 from scenectl.console import bars, err, literal, out
 from scenes.errors import UserError, did_you_mean
 
@@ -37,6 +38,7 @@ app = typer.Typer(
 )
 app.add_typer(bench, name="bench")
 app.command(name="train")(train)
+app.command(name="edit")(edit)
 
 TaskFile = Annotated[Path, typer.Argument(metavar="TASK", help="A task file (TOML).")]
 AllowCode = Annotated[

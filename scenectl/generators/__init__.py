@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from scenectl.generators.base import Generation, Generator, Guide, Progress, Step
+from scenectl.generators.base import Editor, Generation, Generator, Guide, Progress, Step
 from scenes.errors import UserError, did_you_mean
 
-__all__ = ["GENERATORS", "Generation", "Generator", "Guide", "Progress", "Step", "load_generator"]
+__all__ = ["GENERATORS", "Editor", "Generation", "Generator", "Guide", "Progress", "Step", "load_generator"]
 
 GENERATORS = ("mscot",)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from scenes.motion import Motion, Pose2D
@@ -101,3 +101,28 @@ class Generator(Protocol):
         seed: int = 0,
         progress: Progress | None = None,
     ) -> Generation: ...
+
+
+@runtime_checkable
+class Editor(Protocol):
+    """A generator that can also make parts of a finished motion anew, and the rest as it was, or nearly so.
+
+    What is kept may come back with the generator's own error of reconstruction; `scenectl.editing.edit` puts the
+    original's frames back and smooths the seams, for any editor.
+    """
+
+    def edit(
+        self,
+        motion: Motion,
+        regenerate: Bool[Tensor, " T"],
+        prompt: str,
+        guide: Guide | None = None,
+        samples: int = 1,
+        seed: int = 0,
+        progress: Progress | None = None,
+    ) -> Generation:
+        """Motions in the frame of the one given, ``[samples, T, 22, 3]``, made anew where `regenerate` says.
+
+        What `motion` holds there is of no account. Raises UserError for a motion it cannot edit.
+        """
+        ...

@@ -6,15 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 
 from scenectl.data.features import FPS, features_to_joints
 from scenectl.generators.base import Generation, Guide, Progress
+from scenectl.generators.keeping import Kept
 from scenectl.generators.steps import DecodedStep
+from scenectl.generators.windows import Windows, in_turns
 from scenectl.models.bundle import Bundle
-from scenectl.models.schedule import MIN_FRAMES, tokens_for
+from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES, tokens_for
 from scenectl.models.transformer import Cache
 from scenectl.text import TextFeatures
 from scenes.errors import UserError
@@ -22,6 +24,9 @@ from scenes.motion import Motion, Pose2D
 
 MAX_SECONDS = 60.0
 """Beyond this a request is taken for a mistake; the schedule itself has no limit."""
+
+SEAM = 10.0
+"""Certainty with which a window follows its neighbour: `closeness` is counted so many times over."""
 
 
 class Sampling(BaseModel):
@@ -50,18 +55,26 @@ class _State:
 
     Attributes:
         frames: frames asked for; the decoder makes a multiple of four, the rest is cut off.
-        finest: tokens at the finest scale.
-        codes: embeddings of the tokens drawn so far, by scale, ``[S, L_k, d]``.
+        windows: over the tokens of the finest scale; a single one up to 196 frames. W of them stand one after the
+            other along the second axis of all that follows.
+        codes: embeddings of the tokens drawn so far, by scale, ``[S, W * L_k, d]``.
         refined: the same with the refiner's residuals.
         moved: nats by which goals moved each scale's distribution, mean KL a position.
+        kept: what an edit keeps of a motion.
     """
 
     frames: int
-    finest: int
+    windows: Windows
     start: Pose2D
     codes: list[Tensor]
     refined: list[Tensor]
     moved: list[float]
+    kept: Kept | None = None
+
+    @property
+    def finest(self) -> int:
+        """Tokens of a window at the finest scale."""
+        return self.windows.length
 
 
 @dataclass(frozen=True)
@@ -121,10 +134,46 @@ class MSCoT:
         """
         frames = self._frames(prompt, seconds, samples)
         draw = torch.Generator().manual_seed(seed)
-        state = _State(frames, tokens_for(frames), start, [], [], [])
-        self._draw_tokens(state, self._text(prompt, samples), guide, draw, progress)
+        state = _State(frames, Windows.covering(tokens_for(frames)), start, [], [], [])
+        return self._made(state, prompt, guide, samples, draw, progress)
+
+    def edit(
+        self,
+        motion: Motion,
+        regenerate: Bool[Tensor, " T"],
+        prompt: str,
+        guide: Guide | None = None,
+        samples: int = 1,
+        seed: int = 0,
+        progress: Progress | None = None,
+    ) -> Generation:
+        """Parts of a motion ``[T, 22, 3]`` made anew, in its own frame, by keeping the tokens of the rest.
+
+        Lengths are those of one window, 36 to 196 frames at 20 fps. Raises UserError for others, and where
+        `regenerate` holds no frame or all of them.
+        """
+        frames = self._frames(prompt, motion.frames / FPS, samples)
+        if frames > MAX_FRAMES:
+            raise UserError(f"the motion has {frames} frames; one that can be edited has {MIN_FRAMES} to {MAX_FRAMES}")
+        if regenerate.all() or not regenerate.any():
+            raise UserError("an edit keeps some frames and makes others anew; this one has only one kind")
+        kept = Kept.of(self.bundle.tokenizer, motion, regenerate)
+        state = _State(frames, Windows.covering(tokens_for(frames)), Pose2D(), [], [], [], kept)
+        return self._made(state, prompt, guide, samples, torch.Generator().manual_seed(seed), progress)
+
+    def _made(
+        self,
+        state: _State,
+        prompt: str,
+        guide: Guide | None,
+        samples: int,
+        draw: torch.Generator,
+        progress: Progress | None,
+    ) -> Generation:
+        """Algorithm 3."""
+        self._draw_tokens(state, self._text(prompt, samples * state.windows.count), guide, draw, progress)
         motion = self._decode(state, state.refined)
-        trace: dict[str, object] = {"tilt_kl_nats": state.moved, "frames": frames}
+        trace: dict[str, object] = {"tilt_kl_nats": state.moved, "frames": state.frames}
         if guide is None:
             return Generation(motion, None, trace)
         refined = self._refine(state, guide)
@@ -156,20 +205,38 @@ class MSCoT:
             logits = self._prior(state, text, k, cache)
             if guide is not None:
                 logits = self._tilted(state, logits, k, guide)
-            tokens = _sample(logits, self.sampling.top_p, draw)
-            codes = self.quantiser.lookup(k, tokens)
+            codes = self.quantiser.lookup(k, self._tokens(state, logits, k, draw))
             state.codes.append(codes)
             with torch.no_grad():
-                state.refined.append(codes + self.bundle.refiner(codes, k, state.finest))
+                residual = self.bundle.refiner(state.windows.rows(codes), k, state.finest)
+                state.refined.append(codes + state.windows.series(residual))
+
+    def _tokens(
+        self, state: _State, logits: Float[Tensor, "S M V"], k: int, draw: torch.Generator
+    ) -> Int[Tensor, "S M"]:
+        """Tokens of scale k; those of windows agree with their neighbours'."""
+        sampling, windows = self.sampling, state.windows
+        if state.kept is not None:
+            close = state.kept.closeness(self.quantiser, state.refined, len(logits))
+            tokens = _sample(logits + clipped(SEAM * close, sampling.clip_nats), sampling.top_p, draw)
+            return state.kept.replaced(self.quantiser, tokens, close, k)
+        if windows.count == 1:
+            return _sample(logits, sampling.top_p, draw)
+
+        def sample(logits: Tensor, closeness: Tensor) -> Tensor:
+            return _sample(logits + clipped(SEAM * closeness, sampling.clip_nats), sampling.top_p, draw)
+
+        done = [windows.rows(e) for e in state.refined]
+        return windows.series(in_turns(windows, self.quantiser, windows.rows(logits), done, sample))
 
     @torch.no_grad()
     def _prior(self, state: _State, text: TextFeatures, k: int, cache: Cache) -> Float[Tensor, "S L_k V"]:
         """Log-probabilities of scale k's tokens given text and coarser tokens."""
-        twice = [torch.cat([e, e]) for e in state.codes]
+        twice = [torch.cat([e, e]) for e in map(state.windows.rows, state.codes)]
         both = self.bundle.transformer.predict(self.quantiser, text, twice, k, state.finest, cache)
         told, untold = both.chunk(2)
         logits = untold + self.sampling.cfg * (told - untold)
-        return (logits / self.sampling.temperature).log_softmax(-1)
+        return state.windows.series((logits / self.sampling.temperature).log_softmax(-1))
 
     def _tilted(self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide) -> Float[Tensor, "S L_k V"]:
         """First-order posterior of scale k (Eq. 9 to 11)."""
@@ -185,9 +252,15 @@ class MSCoT:
 
     def _decode(self, state: _State, embeddings: list[Float[Tensor, "S _L_k d"]]) -> Motion:
         """World motion of embeddings, for as many scales as there are (algorithm 2)."""
-        latent = self.quantiser.latent(embeddings, state.finest)
+        latent = self._latent(state, embeddings)
         features = self.bundle.tokenizer.decode_latent(latent)[:, : state.frames]
-        return Motion(features_to_joints(features), fps=FPS).placed(state.start)
+        motion = Motion(features_to_joints(features), fps=FPS)
+        return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
+
+    def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _M d"]]) -> Float[Tensor, "S d N"]:
+        """Latent of the whole motion, for as many scales as there are."""
+        windows = state.windows
+        return windows.join(self.quantiser.latent([windows.rows(e) for e in embeddings], state.finest))
 
     def _refine(self, state: _State, guide: Guide) -> list[Float[Tensor, "S _L_k d"]]:
         """Continuous refinement of all scales' residuals at once (Eq. 12)."""
@@ -199,7 +272,7 @@ class MSCoT:
 
     def _latent_move(self, state: _State, refined: list[Tensor]) -> dict[str, object]:
         """How far refinement moved the latent, relative to its size: small where guidance did its work."""
-        before, after = (self.quantiser.latent(e, state.finest) for e in (state.refined, refined))
+        before, after = (self._latent(state, e) for e in (state.refined, refined))
         moved = (after - before).flatten(1).norm(dim=1) / before.flatten(1).norm(dim=1)
         return {"refinement_moved_latent": moved.tolist()}
 

@@ -11,6 +11,7 @@ from scenectl.control import ObjectiveGuide, SolverSettings
 from scenectl.generators import GENERATORS, Generator, load_generator
 from scenectl.generators.base import Step
 from scenectl.generators.mscot import MSCoT, Sampling, _sample, _State, clipped
+from scenectl.generators.windows import Windows
 from scenectl.models.transformer import Cache
 from scenes.errors import UserError
 from scenes.motion import Pose2D
@@ -162,7 +163,7 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     for cfg in (0.0, 1.0, 2.0):
         generator = MSCoT(made, Sampling(cfg=cfg))
         text = generator._text("a person walks", 1)
-        first.append(generator._prior(_State(40, 10, HERE, [], [], []), text, 0, Cache()))
+        first.append(generator._prior(_State(40, Windows.covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
     told = transformer.predict(q, made.text.encode(["a person walks"]), [], 0, 10)
     none = transformer.without_text(made.text.encode(["whatever it is"]), torch.tensor([True]))

@@ -11,6 +11,7 @@ from torch import Tensor
 from scenectl.generators.base import Step
 from scenectl.generators.mscot import MSCoT, Sampling, _State, exact_tilt
 from scenectl.generators.steps import DecodedStep
+from scenectl.generators.windows import Windows
 from scenes.motion import Motion, Pose2D
 from tests.scenectl.small import bundle, double
 
@@ -54,7 +55,7 @@ def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Te
     q, draw = generator.quantiser, torch.Generator().manual_seed(k)
     lengths = q.lengths(FINEST)
     drawn = [q.lookup(i, torch.randint(16, (2, n), generator=draw)) for i, n in enumerate(lengths[:k])]
-    state = _State(FRAMES, FINEST, HERE, drawn, drawn, [])
+    state = _State(FRAMES, Windows.covering(FINEST), HERE, drawn, drawn, [])
     prior = (spread * torch.randn(2, lengths[k], 16, generator=draw, dtype=torch.float64)).log_softmax(-1)
     mean = prior.exp() @ q.codes(k)
     return state, prior, DecodedStep(mean, lambda e: generator._decode(state, [*drawn, e]))
