@@ -291,7 +291,7 @@ def train(
     from scenectl.training.command import STAGES
     from scenectl.training.command import train as learn
 
-    known = ("all", *STAGES, "sweep", "evaluator")
+    known = ("all", *STAGES)
     if stage == "sweep":
         _sweep(data, config, output, iterations, threads, device)
         return
@@ -301,7 +301,7 @@ def train(
         out.print(f"the weights are in {train_evaluator(data, output)}")
         return
     if stage not in known:
-        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
+        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, (*known, 'sweep', 'evaluator'))}")
     folder = learn(stage, data, config, output, iterations, text, threads, device)
     out.print(f"the run is in {folder}")
 
