@@ -19,7 +19,7 @@ bench = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Measure: 
 Meshes = Annotated[list[Path] | None, typer.Option("--mesh", help="A scan; repeatable. Default: bundled scenes.")]
 Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]
 Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ..., "rows": [...]} to this file.')]
-Weights = Annotated[str, typer.Option(help="Weights: 'default' or a folder.")]
+Weights = Annotated[str, typer.Option(help="Weights: 'default', 'permissive' or a folder.")]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
 Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; torch's choice by default.")]
 DATA = Path("../shared/data/motions")
