@@ -301,7 +301,9 @@ def _allow(path: Path | None) -> None:
 
 
 def _resolved(weights: str) -> str:
-    return weights if weights == "default" else str(Path(weights).resolve())
+    from scenectl.models.bundle import bundled_weights
+
+    return weights if weights in ("default", *bundled_weights()) else str(Path(weights).resolve())
 
 
 def _scene(

@@ -19,7 +19,7 @@ bench = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Measure: 
 Meshes = Annotated[list[Path] | None, typer.Option("--mesh", help="A scan; repeatable. Default: bundled scenes.")]
 Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]
 Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ..., "rows": [...]} to this file.')]
-Weights = Annotated[str, typer.Option(help="Weights: 'default' or a folder.")]
+Weights = Annotated[str, typer.Option(help="Weights: 'default', 'permissive' or a folder.")]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
 Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; torch's choice by default.")]
 DATA = Path("../shared/data/motions")
@@ -291,7 +291,7 @@ def train(
     from scenectl.training.command import STAGES
     from scenectl.training.command import train as learn
 
-    known = ("all", *STAGES, "sweep", "evaluator")
+    known = ("all", *STAGES)
     if stage == "sweep":
         _sweep(data, config, output, iterations, threads, device)
         return
@@ -301,7 +301,7 @@ def train(
         out.print(f"the weights are in {train_evaluator(data, output)}")
         return
     if stage not in known:
-        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
+        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, (*known, 'sweep', 'evaluator'))}")
     folder = learn(stage, data, config, output, iterations, text, threads, device)
     out.print(f"the run is in {folder}")
 

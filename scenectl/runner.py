@@ -79,10 +79,10 @@ class Result:
         Each file is whole or absent. Returns the folder; raises UserError when it cannot be written.
         """
         folder = Path(folder)
-        facts = {"seed": int(self.report["seed"]), "unit": "m"}
+        facts: dict[str, int | str] = {"seed": int(self.report["seed"]), "unit": "m"}
         maker = self.report["generator"]
         if maker is not None:  # the weights' terms follow what they make wherever the file goes
-            facts |= {"licence": maker["licence"]}
+            facts["licence"] = str(maker["licence"])
         self.motion.save(folder / "motion.npz", **facts)
         with atomic_write(folder / "report.json", "w") as file:
             json.dump(self.report, file, indent=1, allow_nan=False)

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from objectives import Context, Objective, Term
 from scenectl.control.settings import GuidanceSettings, SolverSettings
+from scenectl.models.bundle import bundled_weights
 from scenes.bake import Bake
 from scenes.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, did_you_mean
@@ -208,7 +209,7 @@ class GeneratorSpec(_Table):
 
     Attributes:
         name: of a registered generator.
-        weights: "default" for those that come with the package, or a folder or file.
+        weights: "default" or "permissive" for those that come with the package, or a folder.
         threads: for its arithmetic; by default what torch chooses.
         cfg: scale of classifier-free guidance.
         temperature, top_p: of the draw.
@@ -282,7 +283,7 @@ class Task(_Table):
             if isinstance(things := data["scene"].get("objects"), list | tuple):
                 data["scene"]["objects"] = [_beside(folder, t, "mesh") if isinstance(t, Mapping) else t for t in things]
         weights = data.get("generator", {}).get("weights") if isinstance(data.get("generator"), Mapping) else None
-        if isinstance(weights, str) and weights != "default":
+        if isinstance(weights, str) and weights not in ("default", *bundled_weights()):
             data["generator"] = {**data["generator"], "weights": str(folder / weights)}
         if isinstance(data.get("body"), str | Path):
             data["body"] = folder / data["body"]

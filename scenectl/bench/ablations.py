@@ -155,7 +155,8 @@ def adaptive(bench: Bench, tell: Tell) -> list[Path]:
 
     def by_length(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
         chunk = chunks[next(name for name in chunks if run.out.name.startswith(f"{name}-"))]
-        test, found = run.windows(["test"], False), {}
+        test = run.windows(["test"], False)
+        found: dict[str, float] = {}
         for frames in (64, 128, MAX_FRAMES):
             features = beginnings(test, frames)
             got, true = features_to_joints(in_chunks(tokenizer, features, chunk)), features_to_joints(features)

@@ -103,7 +103,7 @@ def draw_code_use(tokenizer: Tokenizer, test: Windows, png: Path) -> None:
     """Share of the codes that each scale uses on held-out clips, and how evenly (Fig. 7)."""
     features = beginnings(test, 64)
     rows, codes = code_use(tokenizer, features), tokenizer.config.codes
-    figure = _figure(6.4, 3.0)
+    figure = _figure(6.4, 3.2)
     axis = figure.subplots()
     at = [row["scale"] for row in rows]
     axis.bar(at, [100 * row["share_used"] for row in rows], color=_BLUE, width=0.7, label="codes used")
@@ -116,7 +116,7 @@ def draw_code_use(tokenizer: Tokenizer, test: Windows, png: Path) -> None:
     )
     axis.set(xlabel="scale", ylabel=f"% of {codes} codes", xticks=at, ylim=(0, 104), xlim=(0.4, len(rows) + 0.6))
     axis.set_title(f"{len(features)} test clips, first 64 frames", fontsize=9)
-    axis.legend(fontsize=8, loc="lower right")
+    figure.legend(fontsize=8, loc="outside lower center", ncols=3)
     axis.grid(axis="y", alpha=0.3)
     _save(figure, png)
 
@@ -141,9 +141,10 @@ class Guided:
 
 
 def guided_scales(generator: MSCoT, seed: int = 0) -> Guided:
-    """Walk along an S of pelvis keyframes half a second apart, and keep what guidance did at each scale."""
+    """Walk out to the left and back by pelvis keyframes half a second apart; keep what guidance did at each scale."""
     times = [0.5 * i for i in range(1, round(2 * _SECONDS))]
-    wanted = torch.tensor([[0.7 * math.sin(1.1 * t), 0.9, 0.95 * t] for t in times])
+    # The way sets out straight ahead, as the person stands.
+    wanted = torch.tensor([[0.5 - 0.5 * math.cos(2 * math.pi * t / _SECONDS), 0.9, 0.95 * t] for t in times])
     target = {"joint": "pelvis", "position": wanted.tolist()}
     guide = ObjectiveGuide(Objective((Term("joint_target", target, at=times),)), Context(Scene.empty(), DEFAULT_BODY))
     tilts: list[Tilt] = []
@@ -168,7 +169,7 @@ def draw_scales(guided: Guided, poses: Path, paths: Path) -> None:
     frames = [round(t * FPS) for t in times]
     stages = {f"scale {k + 1}": motion for k, motion in enumerate(guided.expected)} | {"refined": guided.finished}
     rows = []
-    figure = _figure(1.55 * len(stages), 4.2)
+    figure = _figure(1.55 * len(stages), 4.6)
     for axis, (name, motion) in zip(figure.subplots(1, len(stages), sharey=True), stages.items(), strict=True):
         joints = motion.joints[0].detach()
         pelvis = joints[:, 0]
@@ -177,10 +178,11 @@ def draw_scales(guided: Guided, poses: Path, paths: Path) -> None:
         axis.plot(pelvis[:, 0].numpy(), pelvis[:, 2].numpy(), color=_BLUE, linewidth=1.6)
         axis.scatter(wanted[:, 0].numpy(), wanted[:, 2].numpy(), color=_RED, s=9, zorder=3)
         axis.set_title(f"{name}\n{centimetres:.1f} cm", fontsize=8)
-        axis.set(aspect="equal", xlim=(-1.6, 1.6), ylim=(-0.5, 0.95 * _SECONDS + 0.5))
+        axis.set(aspect="equal", xlim=(1.7, -0.7), ylim=(-0.5, 0.95 * _SECONDS + 0.5))
         axis.tick_params(labelsize=7)
         axis.grid(alpha=0.25)
-    figure.supxlabel("x (m); path of the pelvis from above, keyframes in red", fontsize=8)
+    figure.supxlabel("to the left (m), as a bird sees it", fontsize=8)
+    figure.supylabel("ahead (m)", fontsize=8)
     _save(figure, paths)
     draw_strips(rows, poses)
 

@@ -19,6 +19,8 @@ from scenes.errors import UserError, did_you_mean
 
 PARTS = ("tokenizer", "transformer", "refiner")
 
+_BUNDLED = Path(str(files("scenectl"))) / "weights"
+
 
 @dataclass(frozen=True)
 class Bundle:
@@ -38,15 +40,19 @@ class Bundle:
     about: dict[str, Any]
 
 
+def bundled_weights() -> list[str]:
+    """Names of the weights that come with the package."""
+    return sorted(path.parent.name for path in _BUNDLED.glob("*/tokenizer.safetensors"))
+
+
 def weights_folder(name: str | Path) -> Path:
     """Folder of bundled weights by name, or the folder given; raises UserError where there is none."""
     folder = Path(name)
     if folder.is_dir():
         return folder
-    bundled = Path(str(files("scenectl"))) / "weights"
-    names = sorted(p.name for p in bundled.iterdir() if p.is_dir()) if bundled.is_dir() else []
+    names = bundled_weights()
     if str(name) in names:
-        return bundled / str(name)
+        return _BUNDLED / str(name)
     raise UserError(f"no weights '{name}': neither a folder nor bundled{did_you_mean(str(name), names)}")
 
 

@@ -118,6 +118,7 @@ class Loop:
                 if time.monotonic() - saved > self.settings.save_seconds:
                     self.save()
                     saved = time.monotonic()
+            progress.update(bar, completed=self.iteration)
         self.save()
 
     def _step(self, step: StepFunction) -> tuple[float, dict[str, float]]:

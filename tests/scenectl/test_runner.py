@@ -58,7 +58,7 @@ def test_run_refines_ranks_and_reports(task_file: Path, tiny: ModuleType) -> Non
     assert result.samples[0].unrefined_cost is not None and result.samples[0].unrefined_cost > costs[0]
     assert {"measuring", "refinement"} <= set(said)
     report = result.report
-    assert report["generator"]["licence"] == "CC0-1.0"
+    assert report["generator"]["licence"] == "CC0-1.0" and report["generator"]["weights"] is None  # one handed in
     assert report["generator"]["trace"]["nan"] is None
     assert report["body"]["source"].startswith("mean of women and men in ANSUR II")
     assert len(report["body"]["radii"]) > 40
@@ -91,7 +91,7 @@ def test_files_hold_what_was_made(task_file: Path, tiny: ModuleType, tmp_path: P
     assert np.array_equal(motion.joints, result.motion.joints)
     with np.load(folder / "motion.npz", allow_pickle=False) as data:
         assert int(data["seed"]) == 4
-        assert str(data["unit"]) == "m"
+        assert str(data["unit"]) == "m" and str(data["licence"]) == "CC0-1.0"
         assert float(data["fps"]) == 20.0
         assert list(data["joint_names"])[:2] == ["pelvis", "left_hip"]
     assert report["format"] == FORMAT

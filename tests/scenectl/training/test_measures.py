@@ -85,6 +85,7 @@ def test_errors_belong_to_the_joint_that_is_wrong() -> None:
     assert all(row["local_error_m"] == pytest.approx(0.0, abs=1e-6) for row in rows.values())
 
 
+@torch.no_grad()
 def test_a_model_is_measured_on_whole_beginnings(tmp_path: Path) -> None:
     data = walks(tmp_path / "data")
     train, test = (prepare(data, [split], None, tmp_path, 0) for split in ("train", "test"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,9 @@ import torch.nn.functional as F
 
 from scenectl.data.features import features_to_joints, joints_to_features
 from scenectl.generators import load_generator
-from scenectl.models.bundle import build
+from scenectl.models.bundle import build, bundled_weights
 from scenectl.models.tokenizer import Tokenizer
+from scenectl.task import Task
 from scenectl.text import TextFeatures
 from scenectl.training.command import train
 from scenectl.training.dataset import prepare
@@ -128,6 +130,22 @@ def test_a_run_ends_in_weights_that_generate(run: Path) -> None:
     assert generator.licence.startswith("non-commercial")
     got = generator.generate("a person walks", 2.05, Pose2D((1.0, 0.0, 1.0), 0.5), samples=2)
     assert got.motion.joints.shape == (2, 41, 22, 3) and torch.isfinite(got.motion.joints).all()
+
+
+def test_bundled_weights_are_known_by_name_to_tasks_and_generators(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("default", "permissive"):
+        shutil.copytree(run / "weights", tmp_path / "weights" / name)
+    (tmp_path / "weights" / "evaluator").mkdir()  # weights of something else
+    monkeypatch.setattr("scenectl.models.bundle._BUNDLED", tmp_path / "weights")
+    assert bundled_weights() == ["default", "permissive"]
+    assert load_generator("mscot", "permissive").licence.startswith("non-commercial")
+    with pytest.raises(UserError, match="did you mean 'permissive'"):
+        load_generator("mscot", "permisive")
+    for name, wanted in (("permissive", "permissive"), ("own", str(tmp_path / "own"))):
+        given = {"prompt": "walk", "seconds": 2.0, "generator": {"weights": name}, "folder": tmp_path}
+        assert Task.model_validate(given).generator.weights == wanted
 
 
 def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
