@@ -27,8 +27,8 @@ from scenectl.evaluation.metrics import (
 from scenectl.evaluation.plausibility import plausibility
 from scenectl.evaluation.sets import MotionSet, Tell, TestClips, generated, of_random_tokens, real, reconstructed
 from scenectl.generators.mscot import MSCoT
-from scenectl.models.tokenizer import Tokenizer
-from scenectl.training.dataset import Windows, prepare
+from scenectl.training.dataset import prepare
+from scenectl.training.measures import code_use, overlapping
 from scenes.bake import default_cache
 from scenes.files import atomic_write
 from scenes.motion import Pose2D
@@ -84,7 +84,7 @@ def bench_generator(
     for row in rows:
         row["label_recall"] = confusion[str(row["set"])].macro_recall
     reconstruction = bench_tokenizer(generator.bundle, data)
-    use = code_use(tokenizer, prepare(data, ["train"], None, cache, 0))
+    use = code_use(tokenizer, overlapping(prepare(data, ["train"], None, cache, 0), 64))
     posterior = bench_posterior(generator, seed=seed, progress=tell)
     return {
         "summary": _summary(rows, reconstruction["summary"], use, posterior["summary"]),
@@ -150,31 +150,6 @@ def _multimodality(generator: MSCoT, evaluator: Evaluator, test: TestClips, seed
     return multimodality(torch.stack(points), draw)
 
 
-@torch.no_grad()
-def code_use(tokenizer: Tokenizer, windows: Windows, frames: int = 64) -> list[dict[str, float]]:
-    """Share of the codes that each scale uses, and its perplexity, over all windows of `frames` frames of all clips.
-
-    Windows overlap by half, so that every motion is seen at more than one place.
-    """
-    scales, codes = tokenizer.quantiser.scales, tokenizer.config.codes
-    counts = torch.zeros(scales, codes)
-    starts = [
-        first + offset
-        for first, length in zip(windows.starts[:-1].tolist(), windows.lengths.tolist(), strict=True)
-        for offset in range(0, length - frames + 1, frames // 2)
-    ]
-    for part in torch.tensor(starts).split(128):
-        tokens = tokenizer.encode(windows.features[part[:, None] + torch.arange(frames)])
-        for k, t in enumerate(tokens):
-            counts[k] += torch.bincount(t.flatten(), minlength=codes)
-    share = counts / counts.sum(1, keepdim=True)
-    entropy = -(share * share.clamp_min(1e-12).log()).sum(1)
-    return [
-        {"scale": k + 1, "used": float((counts[k] > 0).float().mean()), "perplexity": float(entropy[k].exp())}
-        for k in range(scales)
-    ]
-
-
 def _kinds(found: Confusion) -> dict[str, Any]:
     recall = found.recall()
     return {
@@ -196,7 +171,7 @@ def _summary(
     return {
         "reconstruction_error_m": reconstruction["reconstruction_error_m"],
         "reconstruction_error_other_m": reconstruction["reconstruction_error_other_m"],
-        "code_use": min(row["used"] for row in use[FINER:]),
+        "code_use": min(row["share_used"] for row in use[FINER:]),
         "skating_ratio": made["skating_ratio"],
         "skating_ratio_real": truth["skating_ratio"],
         "max_acceleration_m_per_frame2": made["max_acceleration_m_per_frame2"],

@@ -36,6 +36,22 @@ def beginnings(data: Windows, frames: int, most: int = _MOST, seed: int = 0) -> 
     return data.features[data.starts[clips][:, None] + torch.arange(frames)]
 
 
+def overlapping(data: Windows, frames: int) -> Float[Tensor, "W T 263"]:
+    """All windows of `frames` frames that overlap by half.
+
+    Raises:
+        UserError: no clip is long enough.
+    """
+    starts = [
+        first + offset
+        for first, length in zip(data.starts[:-1].tolist(), data.lengths.tolist(), strict=True)
+        for offset in range(0, length - frames + 1, frames // 2)
+    ]
+    if not starts:
+        raise UserError(f"no clip of the data has {frames} frames to measure a model on; add longer ones")
+    return data.features[torch.tensor(starts)[:, None] + torch.arange(frames)]
+
+
 @torch.no_grad()
 def code_use(tokenizer: Tokenizer, features: Float[Tensor, "C T 263"]) -> list[dict[str, float]]:
     """How each scale uses its codes (Fig. 7).
@@ -119,7 +135,7 @@ def measure_tokenizer(tokenizer: Tokenizer, train: Windows, test: Windows, frame
     return {
         "clips": len(held_out),
         "code_use": {
-            "train": code_use(tokenizer, beginnings(train, frames)),
+            "train": code_use(tokenizer, overlapping(train, frames)),
             "test": code_use(tokenizer, held_out),
         },
         "error_by_joint": error_by_joint(got, true),
