@@ -41,7 +41,8 @@ def edit(
     from scenectl.editing import edit as make
     from scenectl.generators import load_generator
     from scenectl.runner import score
-    from scenectl.task import Task
+    from scenectl.task import SceneSpec, Task
+    from scenes.body import DEFAULT_BODY
 
     original = _one(motion, sample)
     mask = mask_of(original, regenerate or [], keep or [])
@@ -50,10 +51,12 @@ def edit(
         raise UserError("--prompt is empty; describe the motion in a sentence, such as 'a person walks'")
     if output.exists() and not output.is_dir():
         raise UserError(f"'{output}' is a file; give -o a folder")
+    floor = float(original.joints[~mask][..., 1].min()) - DEFAULT_BODY.sole_offset
     with bars() as progress:
         generator = load_generator(weights=weights)
         made = make(generator, original, mask, prompt, samples=samples, seed=seed, progress=progress)
-        result = score(made.motion, Task(prompt=prompt, seconds=original.seconds), progress)
+        task = Task(prompt=prompt, seconds=original.seconds, scene=SceneSpec(floor=floor))
+        result = score(made.motion, task, progress)
     result.report["seed"] = seed
     result.report["generator"] = {"name": generator.name, "licence": generator.licence, "trace": {}}
     result.report["edit"] = {"motion": str(motion), "regenerated_frames": mask.nonzero().flatten().tolist()}

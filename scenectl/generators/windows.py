@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from torch import Tensor
 
 from scenectl.generators.keeping import closeness
@@ -61,11 +61,11 @@ class Windows:
         """W, the number of windows."""
         return len(self.starts)
 
-    def rows(self, x: Float[Tensor, "S M d"]) -> Float[Tensor, "R L d"]:
+    def rows(self, x: Shaped[Tensor, "S M *d"]) -> Shaped[Tensor, "R L *d"]:
         """Every window a row of its own."""
         return x.unflatten(1, (self.count, -1)).flatten(0, 1)
 
-    def series(self, x: Float[Tensor, "R L d"]) -> Float[Tensor, "S M d"]:
+    def series(self, x: Shaped[Tensor, "R L *d"]) -> Shaped[Tensor, "S M *d"]:
         """A sample's windows one after the other."""
         return x.unflatten(0, (-1, self.count)).flatten(1, 2)
 
