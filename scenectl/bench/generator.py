@@ -80,7 +80,7 @@ def bench_generator(
     points = [evaluator.embed_motions(s.features) for s in sets]
     rows = [_row(s, p, points[0], texts, repeats, seed) for s, p in zip(sets, points, strict=True)]
     rows[-1]["multimodality"] = _multimodality(generator, evaluator, test, seed)
-    confusion = {s.name: Confusion.of(classifier.kinds, test.kinds, classifier.predict(s.features)) for s in sets}
+    confusion = {s.name: Confusion.of(test.kinds, classifier.predict(s.features)) for s in sets}
     for row in rows:
         row["label_recall"] = confusion[str(row["set"])].macro_recall
     reconstruction = bench_tokenizer(generator.bundle, data)
@@ -192,12 +192,11 @@ def plot(result: Mapping[str, Any], png: str | Path) -> None:
     from matplotlib.figure import Figure  # without pyplot, so that no window system is asked for
 
     figure = Figure(figsize=(15, 7.5), layout="constrained")
-    shown = [name for name in result["kinds"]["real"]["kinds"] if _seen(result, name)]
+    shown = sorted({kind for name in ("real", "generated") for kind in result["kinds"][name]["recall"]})
     for axis, name in zip(figure.subplots(1, 2), ("real", "generated"), strict=True):
         found = result["kinds"][name]
-        keep = [found["kinds"].index(kind) for kind in shown]
-        counts = torch.tensor(found["confusion"], dtype=torch.float32)[keep][:, keep]
-        axis.imshow(counts / counts.sum(1, keepdim=True).clamp_min(1), cmap="Blues", vmin=0, vmax=1)
+        counts = _shares(found, shown)
+        axis.imshow(counts, cmap="Blues", vmin=0, vmax=1)
         axis.set_xticks(range(len(shown)), shown, rotation=90, fontsize=7)
         axis.set_yticks(range(len(shown)), shown, fontsize=7)
         axis.set(title=f"{name}: macro recall {found['macro_recall']:.2f}", xlabel="taken for", ylabel="is")
@@ -205,7 +204,10 @@ def plot(result: Mapping[str, Any], png: str | Path) -> None:
         figure.savefig(file, format=Path(png).suffix.lstrip(".") or "png", dpi=100)
 
 
-def _seen(result: Mapping[str, Any], kind: str) -> bool:
-    found = result["kinds"]["real"]
-    place = found["kinds"].index(kind)
-    return sum(found["confusion"][place]) > 0
+def _shares(found: Mapping[str, Any], shown: Sequence[str]) -> Float[Tensor, "K K"]:
+    """Share of each shown kind that was taken for each; what was taken for a kind not shown is left out."""
+    counts = torch.tensor(found["confusion"], dtype=torch.float32)
+    share = counts / counts.sum(1, keepdim=True).clamp_min(1)
+    keep = [found["kinds"].index(kind) if kind in found["kinds"] else -1 for kind in shown]
+    padded = torch.nn.functional.pad(share, (0, 1, 0, 1))
+    return padded[keep][:, keep]

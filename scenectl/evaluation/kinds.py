@@ -60,7 +60,9 @@ class Confusion:
     counts: Int[Tensor, "K K"]
 
     @classmethod
-    def of(cls, kinds: Sequence[str], true: Sequence[str], predicted: Sequence[str]) -> Confusion:
+    def of(cls, true: Sequence[str], predicted: Sequence[str]) -> Confusion:
+        """Count pairs; kinds are all that occur on either side, in alphabetical order."""
+        kinds = sorted({*true, *predicted})
         place = {kind: i for i, kind in enumerate(kinds)}
         counts = torch.zeros(len(kinds), len(kinds), dtype=torch.long)
         for t, p in zip(true, predicted, strict=True):

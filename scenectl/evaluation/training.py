@@ -36,8 +36,8 @@ class EvaluatorTraining(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    contrastive: LoopSettings = LoopSettings(iterations=1500, batch=96, learning_rate=1e-3, weight_decay=0.05)
-    kinds: LoopSettings = LoopSettings(iterations=1000, batch=96, learning_rate=1e-3, weight_decay=0.05)
+    contrastive: LoopSettings = LoopSettings(iterations=600, batch=96, learning_rate=1e-3, weight_decay=0.05)
+    kinds: LoopSettings = LoopSettings(iterations=500, batch=96, learning_rate=1e-3, weight_decay=0.05)
     shortest: float = 0.7
     noise: float = 0.1
 

@@ -75,7 +75,7 @@ def test_captions_that_say_the_same_are_not_held_against_one_another() -> None:
 def test_a_confusion_counts_what_was_taken_for_what() -> None:
     true = ["walk"] * 6 + ["run"] * 5 + ["hop"] * 4
     predicted = ["walk"] * 3 + ["run"] * 3 + ["run"] * 5 + ["walk"] * 4
-    found = Confusion.of(["hop", "run", "walk"], true, predicted)
+    found = Confusion.of(true, predicted)
     assert found.counts.tolist() == [[0, 0, 4], [0, 5, 0], [0, 3, 3]]
     assert found.recall() == {"run": 1.0, "walk": 0.5}  # four hops are too few to count
     assert found.macro_recall == 0.75
