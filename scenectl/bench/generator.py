@@ -25,7 +25,7 @@ from scenectl.evaluation.metrics import (
     repeated,
 )
 from scenectl.evaluation.plausibility import plausibility
-from scenectl.evaluation.sets import MotionSet, Tell, TestClips, generated, of_random_tokens, real, reconstructed
+from scenectl.evaluation.sets import HeldOut, MotionSet, Tell, generated, of_random_tokens, real, reconstructed
 from scenectl.generators.mscot import MSCoT
 from scenectl.training.dataset import prepare
 from scenectl.training.measures import code_use, overlapping
@@ -69,7 +69,7 @@ def bench_generator(
     """
     tell = tell or (lambda what, done: None)
     tokenizer, cache = generator.bundle.tokenizer, default_cache() / "windows"
-    test = TestClips.of(prepare(data, ["test"], None, cache, 0), seed, clips)
+    test = HeldOut.of(prepare(data, ["test"], None, cache, 0), seed, clips)
     tell("reading motions", 0.0)
     sets = [
         real(test), reconstructed(test, tokenizer), of_random_tokens(test, tokenizer, seed),
@@ -135,7 +135,7 @@ def _bootstrapped(points: Tensor, truth: Tensor, draw: torch.Generator) -> float
     return frechet_distance(a, b)
 
 
-def _multimodality(generator: MSCoT, evaluator: Evaluator, test: TestClips, seed: int) -> float:
+def _multimodality(generator: MSCoT, evaluator: Evaluator, test: HeldOut, seed: int) -> float:
     """Spread of motions of the same prompt, over prompts that differ."""
     draw = torch.Generator().manual_seed(seed)
     prompts, samples = MULTIMODAL
@@ -196,7 +196,7 @@ def plot(result: Mapping[str, Any], png: str | Path) -> None:
     for axis, name in zip(figure.subplots(1, 2), ("real", "generated"), strict=True):
         found = result["kinds"][name]
         counts = _shares(found, shown)
-        axis.imshow(counts, cmap="Blues", vmin=0, vmax=1)
+        axis.imshow(counts.numpy(), cmap="Blues", vmin=0, vmax=1)
         axis.set_xticks(range(len(shown)), shown, rotation=90, fontsize=7)
         axis.set_yticks(range(len(shown)), shown, fontsize=7)
         axis.set(title=f"{name}: macro recall {found['macro_recall']:.2f}", xlabel="taken for", ylabel="is")

@@ -22,7 +22,7 @@ Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class TestClips:
+class HeldOut:
     """What is asked of a generator: a caption and a length for each test clip, and the clip itself.
 
     Attributes:
@@ -36,7 +36,7 @@ class TestClips:
     kinds: list[str]
 
     @classmethod
-    def of(cls, windows: Windows, seed: int, most: int | None = None) -> TestClips:
+    def of(cls, windows: Windows, seed: int, most: int | None = None) -> HeldOut:
         """All clips of at least 36 frames, or `most` of them at random.
 
         Raises:
@@ -83,13 +83,13 @@ class MotionSet:
 
 
 @torch.no_grad()
-def real(clips: TestClips) -> MotionSet:
+def real(clips: HeldOut) -> MotionSet:
     """The clips themselves."""
     return MotionSet.of("real", [features_to_joints(f) for f in clips.features])
 
 
 @torch.no_grad()
-def reconstructed(clips: TestClips, tokenizer: Tokenizer) -> MotionSet:
+def reconstructed(clips: HeldOut, tokenizer: Tokenizer) -> MotionSet:
     """The clips after a round trip through tokens."""
     return MotionSet.of(
         "reconstruction",
@@ -98,7 +98,7 @@ def reconstructed(clips: TestClips, tokenizer: Tokenizer) -> MotionSet:
 
 
 @torch.no_grad()
-def of_random_tokens(clips: TestClips, tokenizer: Tokenizer, seed: int) -> MotionSet:
+def of_random_tokens(clips: HeldOut, tokenizer: Tokenizer, seed: int) -> MotionSet:
     """Motions of tokens drawn uniformly: what a generator that has learnt nothing makes."""
     draw = torch.Generator().manual_seed(seed)
     joints = []
@@ -109,7 +109,7 @@ def of_random_tokens(clips: TestClips, tokenizer: Tokenizer, seed: int) -> Motio
     return MotionSet.of("random tokens", joints)
 
 
-def generated(clips: TestClips, generator: Generator, seed: int, tell: Tell) -> MotionSet:
+def generated(clips: HeldOut, generator: Generator, seed: int, tell: Tell) -> MotionSet:
     """One motion for each clip, from its caption and of its length."""
     joints = []
     for i, (features, caption) in enumerate(zip(clips.features, clips.captions, strict=True)):
