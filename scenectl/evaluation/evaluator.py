@@ -46,4 +46,10 @@ def load_evaluator(name: str = "own", folder: str | Path | None = None) -> Evalu
         from scenectl.evaluation.contrastive import load_contrastive
 
         return load_contrastive(folder or "evaluator")
+    if name == "guo":
+        if folder is None:
+            raise UserError("evaluator 'guo' needs --evaluator-folder, where its weights lie; they may not be shipped")
+        from scenectl.evaluation.guo import load_guo
+
+        return load_guo(folder)
     raise UserError(f"unknown evaluator '{name}'{did_you_mean(name, EVALUATORS)}")
