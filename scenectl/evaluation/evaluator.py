@@ -45,5 +45,5 @@ def load_evaluator(name: str = "own", folder: str | Path | None = None) -> Evalu
     if name == "own":
         from scenectl.evaluation.contrastive import load_contrastive
 
-        return load_contrastive(folder or "evaluator")
+        return load_contrastive(folder) if folder else load_contrastive()
     raise UserError(f"unknown evaluator '{name}'{did_you_mean(name, EVALUATORS)}")
