@@ -219,7 +219,7 @@ def generator_bench(
     from scenectl.evaluation.kinds import load_classifier
 
     judge = load_evaluator(evaluator, evaluator_folder)
-    classifier = load_classifier(evaluator_folder or "evaluator" if evaluator == "own" else "evaluator")
+    classifier = load_classifier()
     with bars() as tell:
         result = bench_generator(
             _generator(weights, threads), judge, classifier, data, clips, repeats, seed, tell

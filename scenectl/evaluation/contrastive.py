@@ -12,8 +12,8 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, ValidationError
 from torch import Tensor, nn
 
+from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
-from scenectl.models.bundle import weights_folder
 from scenectl.models.checkpoint import load_weights, read_about
 from scenectl.text import TextEncoder, load_text_encoder
 from scenes.errors import UserError
@@ -86,13 +86,13 @@ class ContrastiveEvaluator:
         return self.model.embed_sentences(torch.cat(parts))[[place[caption] for caption in captions]]
 
 
-def load_contrastive(folder: str | Path) -> ContrastiveEvaluator:
-    """Our evaluator from bundled weights by name, or from a folder.
+def load_contrastive(folder: str | Path = SHIPPED) -> ContrastiveEvaluator:
+    """Our evaluator from a folder; the one that ships by default.
 
     Raises:
         UserError: weights are missing, damaged, or of another network.
     """
-    path = weights_folder(folder) / FILE
+    path = Path(folder) / FILE
     try:
         config = ContrastiveConfig.model_validate(read_about(path)["config"])
     except (KeyError, ValidationError) as error:

@@ -45,7 +45,7 @@ def load_evaluator(name: str = "own", folder: str | Path | None = None) -> Evalu
     if name == "own":
         from scenectl.evaluation.contrastive import load_contrastive
 
-        return load_contrastive(folder or "evaluator")
+        return load_contrastive(folder) if folder else load_contrastive()
     if name == "guo":
         if folder is None:
             raise UserError("evaluator 'guo' needs --evaluator-folder, where its weights lie; they may not be shipped")

@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 from pydantic import ValidationError
 from torch import Tensor, nn
 
+from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
-from scenectl.models.bundle import weights_folder
 from scenectl.models.checkpoint import load_weights, read_about
 from scenes.errors import UserError
 
@@ -83,13 +83,13 @@ class Confusion:
         return sum(found) / len(found) if found else 0.0
 
 
-def load_classifier(folder: str | Path = "evaluator") -> KindClassifier:
-    """The frozen classifier from bundled weights by name, or from a folder.
+def load_classifier(folder: str | Path = SHIPPED) -> KindClassifier:
+    """The frozen classifier from a folder; the one that ships by default.
 
     Raises:
         UserError: weights are missing, damaged, or of another network.
     """
-    path = weights_folder(folder) / FILE
+    path = Path(folder) / FILE
     try:
         config = read_about(path)["config"]
         model = KindClassifier(**config)
