@@ -17,6 +17,7 @@ from scenectl.evaluation.evaluator import Evaluator
 from scenectl.evaluation.kinds import Confusion, KindClassifier
 from scenectl.evaluation.metrics import (
     Estimate,
+    check_enough,
     diversity,
     frechet_distance,
     multimodal_distance,
@@ -70,13 +71,15 @@ def bench_generator(
     tell = tell or (lambda what, done: None)
     tokenizer, cache = generator.bundle.tokenizer, default_cache() / "windows"
     test = HeldOut.of(prepare(data, ["test"], None, cache, 0), seed, clips)
+    # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
+    check_enough(len(test.captions))
+    texts = evaluator.embed_texts(test.captions)
     tell("reading motions", 0.0)
     sets = [
         real(test), reconstructed(test, tokenizer), of_random_tokens(test, tokenizer, seed),
         generated(test, generator, seed, tell),
     ]  # fmt: skip
     tell("scoring", 0.0)
-    texts = evaluator.embed_texts(test.captions)
     points = [evaluator.embed_motions(s.features) for s in sets]
     rows = [_row(s, p, points[0], texts, repeats, seed) for s, p in zip(sets, points, strict=True)]
     rows[-1]["multimodality"] = _multimodality(generator, evaluator, test, seed)

@@ -40,6 +40,12 @@ def repeated(figure: Callable[[torch.Generator], float], repeats: int, seed: int
     return Estimate(float(values.mean()), float(1.96 * values.std(correction=0) / len(values) ** 0.5))
 
 
+def check_enough(clips: int) -> None:
+    """Raise UserError where there are fewer clips than R-precision ranks among."""
+    if clips < BATCH:
+        raise UserError(f"R-precision ranks among {BATCH} motions and there are {clips}; evaluate more clips")
+
+
 def r_precision(
     texts: Float[Tensor, "N d"], motions: Float[Tensor, "N d"], draw: torch.Generator, top: int = 3
 ) -> Float[Tensor, " top"]:
@@ -50,8 +56,7 @@ def r_precision(
     Raises:
         UserError: there are fewer than 32 pairs.
     """
-    if len(texts) < BATCH:
-        raise UserError(f"R-precision ranks among {BATCH} motions and there are {len(texts)}; evaluate more clips")
+    check_enough(len(texts))
     order = torch.randperm(len(texts), generator=draw)[: len(texts) // BATCH * BATCH]
     hits = torch.stack([_hits(texts[i], motions[i], top) for i in order.split(BATCH)])
     return hits.double().mean((0, 1)).float()

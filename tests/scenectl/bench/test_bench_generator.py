@@ -96,3 +96,24 @@ def test_clips_too_short_are_refused(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "d", {"a": (walk(20), {"split": "test"})})
     with pytest.raises(UserError, match="no test clip has 36 frames"):
         HeldOut.of(prepare(folder, ["test"], None, tmp_path / "c", 0), 0)
+
+
+def test_what_cannot_be_scored_is_found_before_anything_is_generated(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("motions were made for nothing")
+
+    monkeypatch.setenv("SCENECTL_CACHE", str(tmp_path))
+    monkeypatch.setattr("scenectl.bench.generator.generated", never)
+    sizes = EncoderConfig(width=16, depth=1, out=8)
+    judge = ContrastiveEvaluator(Contrastive(ContrastiveConfig(motion=sizes, text="none", text_dim=6)), Words())
+    with pytest.raises(UserError, match="ranks among 32 motions and there are 20"):
+        bench_generator(MSCoT(bundle()), judge, KindClassifier(["run", "walk"], 8, 1), folder, clips=20)
+
+    def mute(captions: object) -> torch.Tensor:
+        raise UserError("no words for it")
+
+    monkeypatch.setattr(judge, "embed_texts", mute)
+    with pytest.raises(UserError, match="no words for it"):
+        bench_generator(MSCoT(bundle()), judge, KindClassifier(["run", "walk"], 8, 1), folder)

@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     path, network = tmp_path_factory.mktemp("guo"), GuoNetwork()
     state = {name: network.get_submodule(name).state_dict() for name in PARTS}
-    optimiser = {"state": {}, "param_groups": []}  # the published archive holds such as well
+    optimiser: dict[str, object] = {"state": {}, "param_groups": []}  # the published archive holds such as well
     torch.save({**state, "opt_motion_encoder": optimiser, "epoch": 3, "iter": 9}, _weights(path))
     np.save(path / "t2m_mean.npy", np.linspace(-0.1, 0.1, 263, dtype=np.float32))
     np.save(path / "t2m_std.npy", deviations(EMPHASIS).numpy())
