@@ -11,6 +11,7 @@ from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
 from scenectl.generators.base import Guide, Step
 from scenectl.generators.mscot import MSCoT, _State
 from scenectl.generators.steps import DecodedStep
+from scenectl.generators.windows import Windows
 from scenes.motion import Motion, Pose2D
 from tests.objectives.cases import context
 from tests.scenectl.small import bundle, double, walk
@@ -31,7 +32,7 @@ def step(samples: int = 2, finest: int = 6, exact: bool = False) -> DecodedStep:
     generator = MSCoT(made)
     lengths = q.lengths(finest)
     codes = [q.lookup(k, torch.randint(16, (samples, n))) for k, n in enumerate(lengths)]
-    state = _State(4 * finest - 2, finest, START, [], [], [])
+    state = _State(4 * finest - 2, Windows.covering(finest), START, [], [], [])
     return DecodedStep(torch.cat(codes, dim=1), lambda v: generator._decode(state, list(v.split(list(lengths), dim=1))))
 
 
