@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 from pathlib import Path
 
 from scenectl.data.corpus import load_motions
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
-from scenectl.generators import Generator
+from scenectl.generators import Generator, Progress
 from scenectl.metrics import max_acceleration, path_length, skating_ratio
 from scenectl.view.strip import draw_strips
 from scenes.errors import UserError
@@ -31,10 +30,8 @@ PROMPTS = (
 )
 """Twelve prompts with their seconds: easy ones first, some that are in no data last."""
 
-Tell = Callable[[str, float], None]
 
-
-def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, tell: Tell | None = None) -> Path:
+def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, tell: Progress | None = None) -> Path:
     """Write a picture for each prompt and `README.md` with the figures of every sample; returns the page.
 
     Args:

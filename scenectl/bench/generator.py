@@ -26,7 +26,8 @@ from scenectl.evaluation.metrics import (
     repeated,
 )
 from scenectl.evaluation.plausibility import plausibility
-from scenectl.evaluation.sets import HeldOut, MotionSet, Tell, generated, of_random_tokens, real, reconstructed
+from scenectl.evaluation.sets import HeldOut, MotionSet, generated, of_random_tokens, real, reconstructed
+from scenectl.generators import Progress
 from scenectl.generators.mscot import MSCoT
 from scenectl.training.dataset import prepare
 from scenectl.training.measures import code_use, overlapping
@@ -48,7 +49,7 @@ def bench_generator(
     clips: int | None = None,
     repeats: int = 20,
     seed: int = 0,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
 ) -> dict[str, Any]:
     """Evaluate a model on the test split.
 

@@ -191,7 +191,6 @@ def _with_arm(
     up = joints.new_tensor([0.0, 1.0, 0.0])
     goal = offset[0] * left + offset[1] * up + offset[2] * forward
     now = joints[:, wrist] - joints[:, shoulder]
-    arm = now + 0.0
     length = _STRAIGHT * float(HUMANML3D.bone_lengths[elbow] + HUMANML3D.bone_lengths[wrist])
     a, b = now.norm(dim=-1, keepdim=True), goal.norm(dim=-1, keepdim=True)
     between = ((now / a) * (goal / b)).sum(-1, keepdim=True).clamp(-0.999, 0.999).acos()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -11,14 +11,12 @@ from torch import Tensor
 
 from scenectl.data.features import FPS, features_to_joints, joints_to_features
 from scenectl.evaluation.motions import STRIDE
-from scenectl.generators import Generator
+from scenectl.generators import Generator, Progress
 from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.training.dataset import Windows
 from scenes.errors import UserError
 from scenes.motion import Motion, Pose2D
-
-Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,7 @@ def of_random_tokens(clips: HeldOut, tokenizer: Tokenizer, seed: int) -> MotionS
     return MotionSet.of("random tokens", joints)
 
 
-def generated(clips: HeldOut, generator: Generator, seed: int, tell: Tell) -> MotionSet:
+def generated(clips: HeldOut, generator: Generator, seed: int, tell: Progress) -> MotionSet:
     """One motion for each clip, from its caption and of its length."""
     joints = []
     for i, (features, caption) in enumerate(zip(clips.features, clips.captions, strict=True)):

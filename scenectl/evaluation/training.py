@@ -43,7 +43,7 @@ class EvaluatorTraining(BaseModel):
 
 
 def train_evaluator(data: Path, out: Path, seed: int = 0, settings: EvaluatorTraining | None = None) -> Path:
-    """Train, or go on training, both networks in `out`; returns the folder with their weights and card.
+    """Train, or go on training, both networks in `out`; returns the folder with their weights.
 
     Args:
         data: folder of the motion collection.
