@@ -1,4 +1,4 @@
-"""Copies of clips that stay physical: mirrored, bent paths, other speeds, edited poses."""
+"""Copies of clips that stay physical: mirrored, bent, slower or faster, edited, with more rounds of what repeats."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from pydantic import BaseModel, ConfigDict, Field
 from scenectl.data.corpus import Clip, bent, mirrored, retimed
 from scenectl.data.kinds import kind_of
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
+from scenectl.data.repeat import repeated
 
 SHORTEST_EDIT = 40
 """Frames a walk needs for a pose edit to show."""
+REPEATING = frozenset(
+    ["walk", "run", "sneak", "hop", "squat", "exercise", "fight"]
+    + [f"bandai: {content}" for content in ("walk", "walk-left", "walk-right", "walk-back", "run", "dash")]
+)
+"""Kinds of motion that may go on and on: whoever walks on still walks, but two bows are not a bow."""
 
 
 class Augmentation(BaseModel):
@@ -27,6 +33,7 @@ class Augmentation(BaseModel):
         max_sideways: metres a clip may leave the z axis to be bent; the map folds far from it.
         speed: each bent copy is also resampled by a factor drawn from 1/speed .. speed.
         crouch, duck, sidestep, reach: share of the walks that get a copy with this pose edit (0 to 1).
+        repeat: share of the short clips of `REPEATING` kinds that get a copy which goes on for six to ten seconds.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -41,6 +48,7 @@ class Augmentation(BaseModel):
     duck: float = Field(default=0.5, ge=0, le=1)
     sidestep: float = Field(default=0.5, ge=0, le=1)
     reach: float = Field(default=0.5, ge=0, le=1)
+    repeat: float = Field(default=1.0, ge=0, le=1)
 
 
 def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[Clip]:
@@ -50,6 +58,8 @@ def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[
     for clip in clips:
         out += [copy for _ in range(settings.bend) if (copy := _bent_copy(clip, settings, draw)) is not None]
     out += _edited_copies(clips, settings, draw)
+    cyclic = [clip for clip in clips if kind_of(clip) in REPEATING and draw.random() < settings.repeat]
+    out += [copy for clip in cyclic if (copy := repeated(clip, draw)) is not None]
     if settings.mirror:
         out += [mirrored(clip) for clip in out]
     return out

@@ -17,9 +17,9 @@ from scenectl.models.schedule import scale_lengths
 class ResidualBlock(nn.Module):
     """Dilated convolution and a pointwise one around a shortcut, as in T2M-GPT."""
 
-    def __init__(self, width: int, dilation: int) -> None:
+    def __init__(self, width: int, dilation: int, padding: str = "zeros") -> None:
         super().__init__()
-        self.wide = nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation)
+        self.wide = nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation, padding_mode=padding)
         self.point = nn.Conv1d(width, width, 1)
 
     def forward(self, x: Float[Tensor, "B C T"]) -> Float[Tensor, "B C T"]:
@@ -27,9 +27,17 @@ class ResidualBlock(nn.Module):
         return x + h
 
 
-def _blocks(config: TokenizerConfig) -> nn.Sequential:
+def _blocks(config: TokenizerConfig, padding: str = "zeros") -> nn.Sequential:
     dilations = [config.dilation_growth**i for i in range(config.depth)]
-    return nn.Sequential(*(ResidualBlock(config.width, d) for d in reversed(dilations)))
+    return nn.Sequential(*(ResidualBlock(config.width, d, padding) for d in reversed(dilations)))
+
+
+def _same(channels: int, out: int) -> nn.Conv1d:
+    """A convolution of the decoder; beyond its ends the latents go on as they were.
+
+    Zeros there, which the paper leaves open, make the first and last three frames jump (`scenectl bench generator`).
+    """
+    return nn.Conv1d(channels, out, 3, padding=1, padding_mode="replicate")
 
 
 class Encoder(nn.Module):
@@ -60,18 +68,18 @@ class Decoder(nn.Module):
         super().__init__()
         width = config.width
         self.net = nn.Sequential(
-            nn.Conv1d(config.code_dim, width, 3, padding=1),
+            _same(config.code_dim, width),
             nn.ReLU(),
-            _blocks(config),
+            _blocks(config, "replicate"),
             nn.Upsample(scale_factor=2, mode="nearest"),
-            nn.Conv1d(width, width, 3, padding=1),
-            _blocks(config),
+            _same(width, width),
+            _blocks(config, "replicate"),
             nn.Upsample(scale_factor=2, mode="nearest"),
-            nn.Conv1d(width, width, 3, padding=1),
+            _same(width, width),
             nn.ReLU(),
-            nn.Conv1d(width, width, 3, padding=1),
+            _same(width, width),
             nn.ReLU(),
-            nn.Conv1d(width, FEATURES, 3, padding=1),
+            _same(width, FEATURES),
         )
 
     def forward(self, z: Float[Tensor, "B d L"]) -> Float[Tensor, "B 263 T"]:
@@ -98,12 +106,16 @@ class Quantised:
 
 @dataclass
 class _Seen:
-    """What one training step showed the codebook: uses and sums of each code, best gains, vectors of each scale."""
+    """What one training step showed the codebook: uses and sums of each code, best gains, vectors of each scale.
+
+    A vector's weight is 1, or 0 where its sample had the scale switched off.
+    """
 
     count: Tensor
     total: Tensor
     gain: Tensor
     pool: dict[int, Tensor] = field(default_factory=dict)
+    weight: dict[int, Tensor] = field(default_factory=dict)
 
 
 class Quantiser(nn.Module):
@@ -224,46 +236,52 @@ class Quantiser(nn.Module):
         """Count what each code was used for; `update_codebook` turns the counts into new codes and gains."""
         if self._seen is None:
             self._seen = _Seen(torch.zeros_like(self.usage), torch.zeros_like(self.sums), self.gain.clone())
-        seen, kept = self._seen, on[:, 0, 0] > 0
-        flat, index = u.transpose(1, 2)[kept].flatten(0, 1), tokens[kept].flatten() + self._rows(k).start
-        if self.config.normalised and len(flat):
+        seen, weight = self._seen, on[:, 0].expand(-1, tokens.shape[1]).flatten()
+        flat, index = u.transpose(1, 2).flatten(0, 1), tokens.flatten() + self._rows(k).start
+        if self.config.normalised:
             # The gain that fits best: the mean projection on the chosen unit codes.
-            seen.gain[k] = (flat * self.codebook[index]).sum(-1).mean()
+            projection = (flat * self.codebook[index]).sum(-1)
+            fit = (projection * weight).sum() / weight.sum().clamp_min(1.0)
+            seen.gain[k] = torch.where(weight.sum() > 0, fit, seen.gain[k])
             flat = F.normalize(flat, dim=-1)
-        seen.count.index_add_(0, index, torch.ones_like(index, dtype=flat.dtype))
-        seen.total.index_add_(0, index, flat)
-        seen.pool[k] = flat
+        seen.count.index_add_(0, index, weight)
+        seen.total.index_add_(0, index, flat * weight[:, None])
+        seen.pool[k], seen.weight[k] = flat, weight
 
     @torch.no_grad()
-    def update_codebook(self, decay: float, revive_below: float) -> int:
+    def update_codebook(self, decay: float, revive_below: float) -> Int[Tensor, ""]:
         """Moving averages of codes and gains; codes used less than `revive_below` times a step restart on data.
 
-        Data are the vectors that the code's scales were shown in this step. Returns how many codes restarted.
+        Data are the vectors that the code's scales were shown in this step. Returns how many codes restarted; nothing
+        here waits for an accelerator.
         """
         seen, self._seen = self._seen, None
+        revived = torch.zeros((), dtype=torch.long, device=self.codebook.device)
         if seen is None:
-            return 0
+            return revived
         self.usage.mul_(decay).add_(seen.count, alpha=1 - decay)
         self.sums.mul_(decay).add_(seen.total, alpha=1 - decay)
         self.gain.lerp_(seen.gain.clamp_min(1e-3), 1 - decay)
-        revived = sum(self._revive(rows, pool, revive_below) for rows, pool in self._shown(seen))
+        for rows, pool, weight in self._shown(seen):
+            revived = revived + self._revive(rows, pool, weight, revive_below)
         codes = self.sums / self.usage.clamp_min(1e-6)[:, None]
         self.codebook.copy_(F.normalize(codes, dim=-1) if self.config.normalised else codes)
         return revived
 
-    def _shown(self, seen: _Seen) -> list[tuple[slice, Tensor]]:
-        """Each codebook's rows with the vectors it was shown."""
+    def _shown(self, seen: _Seen) -> list[tuple[slice, Tensor, Tensor]]:
+        """Each codebook's rows with the vectors it was shown and their weights."""
         if self.config.shared_codebook:
-            return [(self._rows(0), torch.cat(list(seen.pool.values())))]
-        return [(self._rows(k), pool) for k, pool in seen.pool.items()]
+            return [(self._rows(0), torch.cat(list(seen.pool.values())), torch.cat(list(seen.weight.values())))]
+        return [(self._rows(k), pool, seen.weight[k]) for k, pool in seen.pool.items()]
 
-    def _revive(self, rows: slice, pool: Tensor, below: float) -> int:
-        dead = (self.usage[rows] < below).nonzero()[:, 0]
-        if len(dead) and len(pool):
-            self.sums[rows.start + dead] = pool[torch.randint(len(pool), (len(dead),))]
-            self.usage[rows.start + dead] = 1.0
-            return len(dead)
-        return 0
+    def _revive(self, rows: slice, pool: Tensor, weight: Tensor, below: float) -> Int[Tensor, ""]:
+        usage, sums = self.usage[rows], self.sums[rows]
+        dead = (usage < below) & (weight.sum() > 0)
+        # Drawn for all codes and used for the dead: how many these are, only the device knows.
+        fresh = pool[torch.multinomial(weight.clamp_min(1e-12), len(usage), replacement=True)]
+        self.sums[rows] = torch.where(dead[:, None], fresh, sums)
+        self.usage[rows] = torch.where(dead, torch.ones_like(usage), usage)
+        return dead.sum()
 
     @torch.no_grad()
     def initialise(self, f: Float[Tensor, "B d L"]) -> None:

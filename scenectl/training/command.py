@@ -15,6 +15,7 @@ from scenectl.models.tokenizer import Tokenizer
 from scenectl.text import TextEncoder, load_text_encoder
 from scenectl.training.card import write_card
 from scenectl.training.dataset import Windows, census
+from scenectl.training.decoder import train_decoder
 from scenectl.training.loop import Loop, LoopSettings
 from scenectl.training.measures import measure_tokenizer
 from scenectl.training.placement import Placement, place
@@ -25,8 +26,8 @@ from scenectl.training.tokenizer import reconstruction_error, train_tokenizer
 from scenectl.training.transformer import cross_entropy_by_scale, train_transformer
 from scenes.errors import UserError
 
-Stage = Literal["all", "tokenizer", "refiner", "transformer", "export"]
-STAGES: tuple[Stage, ...] = ("tokenizer", "refiner", "transformer", "export")
+Stage = Literal["all", "tokenizer", "decoder", "refiner", "transformer", "export"]
+STAGES: tuple[Stage, ...] = ("tokenizer", "decoder", "refiner", "transformer", "export")
 
 
 def train(
@@ -44,7 +45,8 @@ def train(
     A stage goes on where it was killed. Stages need the ones before them in `out`.
 
     Args:
-        stage: "tokenizer", "refiner", "transformer", "export" (weights and model card), or "all".
+        stage: "tokenizer", "decoder" (where the recipe has one), "refiner", "transformer", "export" (weights and
+            model card), or "all".
         data: folder of the motion collection, or of HumanML3D.
         config: name of a bundled recipe, or a TOML file.
         out: folder of the run; a stage's state lies in a folder of its own inside.
@@ -130,6 +132,15 @@ class Run:
         data, folder = self.windows(["train"], True), self.out / "tokenizer"
         return train_tokenizer(recipe.model.tokenizer, settings, data, folder, recipe.seed, self.where)
 
+    def decoder(self) -> None:
+        """Train the decoder on, with the finished tokenizer's codes, where the recipe says so."""
+        recipe = self.recipe
+        if recipe.decoder is None:
+            return
+        settings = recipe.decoder.model_copy(update={"loop": self._loop(recipe.decoder.loop)})
+        data, folder, tokenizer = self.windows(["train"], True), self.out / "decoder", self._tokenizer()
+        train_decoder(tokenizer, settings, data, folder, recipe.seed, self.where)
+
     def refiner(self) -> None:
         """Train the token refiner on the finished tokenizer."""
         recipe = self.recipe
@@ -142,7 +153,7 @@ class Run:
         recipe = self.recipe
         settings = recipe.transformer.model_copy(update={"loop": self._loop(recipe.transformer.loop)})
         data = self.windows(["train"], True)
-        tokenizer, folder = self.trained_tokenizer(), self.out / "transformer"
+        tokenizer, folder = self._tokenizer(), self.out / "transformer"  # tokens, in which the decoder has no part
         model, encoder = recipe.model.transformer, self.encoder()
         train_transformer(model, tokenizer, encoder, settings, data, folder, recipe.seed, self.where)
 
@@ -150,7 +161,13 @@ class Run:
         return settings if self.iterations is None else settings.model_copy(update={"iterations": self.iterations})
 
     def trained_tokenizer(self) -> Tokenizer:
-        """The finished tokenizer, which the other stages build on."""
+        """The finished tokenizer with its finished decoder, which the other stages build on."""
+        tokenizer = self._tokenizer()
+        if self.recipe.decoder is not None:
+            self._read("decoder", tokenizer.decoder)
+        return tokenizer
+
+    def _tokenizer(self) -> Tokenizer:
         tokenizer, _, _ = build(self.recipe.model)
         self._read("tokenizer", tokenizer)
         return tokenizer
@@ -168,8 +185,11 @@ class Run:
     def export(self) -> None:
         """Write the averaged weights in half precision, and the model card."""
         networks = build(self.recipe.model)
-        loops = {part: self._read(part, module) for part, module in zip(PARTS, networks, strict=True)}
-        tokenizer, transformer, _ = networks
+        tokenizer, transformer, refiner = networks
+        stages = {"tokenizer": tokenizer, "transformer": transformer, "refiner": refiner}
+        if self.recipe.decoder is not None:  # after the tokenizer, whose decoder it replaces
+            stages["decoder"] = tokenizer.decoder
+        loops = {stage: self._read(stage, module) for stage, module in stages.items()}
         data, test = self.windows(["train"], True), self.windows(["test"], False)
         licence, credits = data.terms()
         about = {"config": self.recipe.model.model_dump(mode="json"), "licence": licence, "credits": credits}

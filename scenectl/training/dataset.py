@@ -6,7 +6,8 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenectl.data.kinds import kind_of
 from scenes.errors import UserError
 
-_FORMAT = 5
+_FORMAT = 6
 """Raised whenever prepared data must be made again."""
 
 
@@ -50,10 +51,19 @@ class Windows:
     licences: list[str]
     commercial: list[bool]
 
-    @property
+    @cached_property
     def lengths(self) -> Int[Tensor, " C"]:
         """Rows of each clip."""
         return self.starts.diff()
+
+    @cached_property
+    def _group(self) -> Int[Tensor, " C"]:
+        names = {name: i for i, name in enumerate(sorted(set(self.groups)))}
+        return torch.tensor([names[group] for group in self.groups])
+
+    def on(self, device: torch.device) -> Windows:
+        """The same with the features on another device, where windows are then cut; the rest stays on the CPU."""
+        return replace(self, features=self.features.to(device))
 
     @property
     def hours(self) -> float:
@@ -91,7 +101,7 @@ class Windows:
         slack = (self.lengths[clips] - length).double()
         offset = (torch.rand(batch, generator=generator, dtype=torch.float64) * (slack + 1)).long()
         rows = (self.starts[clips] + offset)[:, None] + torch.arange(length)
-        return self.features[rows], clips
+        return self.features[rows.to(self.features.device)], clips
 
     def _weights(self, length: int) -> Float[Tensor, " C"]:
         room = (self.lengths - length + 1).clamp_min(0).float()
@@ -99,10 +109,8 @@ class Windows:
             raise UserError(f"no clip of the training data has {length} frames; shorten the windows in the config")
         # Capped, or one long clip would outweigh all the short ones beside it.
         room = torch.where(room > 0, room.clamp_max(100.0) + length, room)
-        names = {name: i for i, name in enumerate(sorted(set(self.groups)))}
-        index = torch.tensor([names[g] for g in self.groups])
-        size = torch.zeros(len(names)).index_add_(0, index, room)
-        return room / size[index].clamp_min(1e-9).sqrt()
+        size = torch.zeros(int(self._group.max()) + 1).index_add_(0, self._group, room)
+        return room / size[self._group].clamp_min(1e-9).sqrt()
 
 
 def prepare(

@@ -17,16 +17,23 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from scenectl.training.placement import Placement
 from scenes.errors import UserError
 from scenes.files import atomic_write
 
-StepFunction = Callable[[int, torch.Generator], tuple[Tensor, dict[str, float]]]
+Figures = dict[str, float | Tensor]
+"""Figures of one step by name; tensors stay on their device until they are logged, so that it never waits for us."""
+
+StepFunction = Callable[[int, torch.Generator], tuple[Tensor, Figures]]
 """Iteration and its random generator in; loss and figures to log out. `FRAMES` among them gives the throughput."""
 
 FRAMES, RATE = "frames", "frames_per_second"
 """Names of a step's number of frames, and of what the loss curve makes of it."""
+
+_Sums = dict[str, list[float | Tensor]]
+"""Figures since the last point of the curve."""
 
 _NOT_SHOWN = ("iteration", "seconds", "lr", RATE)
 
@@ -69,10 +76,15 @@ class Loop:
         self, module: nn.Module, settings: LoopSettings, folder: Path, seed: int, place: Placement | None = None
     ) -> None:
         self.module, self.settings, self.folder, self.seed = module, settings, folder, seed
-        self.module.to((place or Placement()).device)
+        self.device = (place or Placement()).device
+        self.module.to(self.device)
         self.parameters = [p for p in module.parameters() if p.requires_grad]
         self.optimiser = torch.optim.AdamW(
-            self.parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, betas=(0.9, 0.99)
+            self.parameters,
+            lr=settings.learning_rate,
+            weight_decay=settings.weight_decay,
+            betas=(0.9, 0.99),
+            fused=self.device.type == "cuda",
         )
         self.averaged = copy.deepcopy(module)
         self.iteration = 0
@@ -90,7 +102,7 @@ class Loop:
         rates = [point[RATE] for point in self.curve if RATE in point]
         return statistics.median(rates) if rates else None
 
-    def run(self, step: StepFunction, after: Callable[[], dict[str, float]] | None = None) -> None:
+    def run(self, step: StepFunction, after: Callable[[], Figures] | None = None) -> None:
         """Train to the last iteration.
 
         Args:
@@ -100,7 +112,7 @@ class Loop:
         columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
         with Progress(*columns) as progress:
             bar = progress.add_task(self.folder.name, total=self.settings.iterations, completed=self.iteration)
-            saved, logged, sums = time.monotonic(), time.monotonic(), dict[str, list[float]]()
+            saved, logged, sums = time.monotonic(), time.monotonic(), _Sums()
             while self.iteration < self.settings.iterations:
                 loss, figures = self._step(step)
                 if after is not None:
@@ -113,15 +125,17 @@ class Loop:
                     now = time.monotonic()
                     self._log(sums, now - logged)
                     logged = now
-                    sums = {}
+                    sums = _Sums()
                     progress.update(bar, completed=self.iteration, description=self._line())
                 if time.monotonic() - saved > self.settings.save_seconds:
+                    self._check(sums)
                     self.save()
                     saved = time.monotonic()
             progress.update(bar, completed=self.iteration)
+        self._check(sums)
         self.save()
 
-    def _step(self, step: StepFunction) -> tuple[float, dict[str, float]]:
+    def _step(self, step: StepFunction) -> tuple[Tensor, Figures]:
         generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.iteration)
         torch.manual_seed(self.seed * 1_000_003 + self.iteration)
         for group in self.optimiser.param_groups:
@@ -129,15 +143,19 @@ class Loop:
         self.module.train()
         self.optimiser.zero_grad(set_to_none=True)
         loss, figures = step(self.iteration, generator)
-        if not torch.isfinite(loss):
-            raise UserError(
-                f"training '{self.folder.name}' diverged at iteration {self.iteration}; "
-                "lower learning_rate in its config"
-            )
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.parameters, self.settings.clip)
         self.optimiser.step()
-        return float(loss.detach()), figures
+        return loss.detach(), figures
+
+    def _check(self, sums: _Sums) -> None:
+        """Refuse to go on, or to save, after a loss that is no number; looks at all losses since the last point."""
+        losses = [bool(torch.as_tensor(loss).isfinite()) for loss in sums.get("loss", [])]
+        if not all(losses):
+            first = self.iteration - len(losses) + losses.index(False)
+            raise UserError(
+                f"training '{self.folder.name}' diverged at iteration {first}; lower learning_rate in its config"
+            )
 
     def learning_rate(self) -> float:
         """Linear warm-up, then a cosine to one per cent of the peak."""
@@ -150,17 +168,18 @@ class Loop:
     @torch.no_grad()
     def _average(self) -> None:
         decay = min(self.settings.average, (1 + self.iteration) / (10 + self.iteration))
-        for mean, own in zip(self.averaged.parameters(), self.module.parameters(), strict=True):
-            mean.lerp_(own, 1 - decay)
+        means, own = list(self.averaged.parameters()), list(self.module.parameters())
+        get_ema_multi_avg_fn(decay)(means, own, self.iteration)
         for kept, now in zip(self.averaged.buffers(), self.module.buffers(), strict=True):
             kept.copy_(now)
 
-    def _log(self, sums: dict[str, list[float]], elapsed: float) -> None:
+    def _log(self, sums: _Sums, elapsed: float) -> None:
+        self._check(sums)
         self.seconds += elapsed
         # A run that was resumed between two points has fewer values for the first one.
-        point = {key: sum(values) / len(values) for key, values in sums.items() if key != FRAMES}
+        point = {key: float(sum(values)) / len(values) for key, values in sums.items() if key != FRAMES}
         if FRAMES in sums:
-            point[RATE] = sum(sums[FRAMES]) / max(elapsed, 1e-9)
+            point[RATE] = float(sum(sums[FRAMES])) / max(elapsed, 1e-9)
         self.curve.append({"iteration": self.iteration, "seconds": self.seconds, "lr": self.learning_rate(), **point})
 
     def _line(self) -> str:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from scenectl.data.augment import Augmentation
 from scenectl.models.config import ModelConfig
+from scenectl.training.decoder import DecoderTraining
 from scenectl.training.placement import Precision
 from scenectl.training.refiner import RefinerTraining
 from scenectl.training.tokenizer import TokenizerTraining
@@ -35,6 +36,7 @@ class Recipe(BaseModel):
         seed: of windows, initial weights and dropout.
         commercial_only: leave out clips whose terms forbid commercial use.
         precision: in which networks compute while they train (`scenectl.training.placement.place`).
+        decoder: its training after the tokenizer's, on codes that stand still; none by default.
         sweep: variants of this recipe that `scenectl train sweep` compares.
     """
 
@@ -46,6 +48,7 @@ class Recipe(BaseModel):
     model: ModelConfig
     augmentation: Augmentation = Augmentation()
     tokenizer: TokenizerTraining
+    decoder: DecoderTraining | None = None
     refiner: RefinerTraining
     transformer: TransformerTraining
     sweep: tuple[Variant, ...] = ()

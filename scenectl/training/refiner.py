@@ -12,7 +12,7 @@ from scenectl.models.config import RefinerConfig
 from scenectl.models.refiner import Refiner
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.training.dataset import Windows
-from scenectl.training.loop import FRAMES, Loop, LoopSettings
+from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
 from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
 from scenectl.training.placement import Placement
 
@@ -38,16 +38,17 @@ def train_refiner(
 ) -> Loop:
     """Train, or go on training, in `folder`; the tokens are those of float32."""
     place = place or Placement()
+    data = data.on(place.device)
     tokenizer.to(place.device).eval().requires_grad_(False)
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Refiner(config, tokenizer.config.code_dim, tokenizer.quantiser.scales)
     loop = Loop(model, settings.loop, folder, seed, place)
 
-    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         choice = int(torch.randint(len(settings.frames), (), generator=generator))
         frames = settings.frames[choice]
         batch = max(1, settings.loop.batch * settings.frames[0] // frames)
-        features = data.draw(frames, batch, generator)[0].to(place.device)
+        features = data.draw(frames, batch, generator)[0]
         with torch.no_grad():
             tokens = tokenizer.encode(features)
         finest = tokens[-1].shape[-1]
@@ -56,7 +57,7 @@ def train_refiner(
             refined = [e + model(e, k, finest) for k, e in enumerate(codes)]
             got = tokenizer.decode_latent(tokenizer.quantiser.latent(refined, finest))
         loss, error = reconstruction_loss(got.float(), features, tokenizer.std, settings.reconstruction)
-        return loss, {"error_m": float(error), FRAMES: float(batch * frames)}
+        return loss, {"error_m": error, FRAMES: float(batch * frames)}
 
     loop.run(step)
     return loop

@@ -13,7 +13,7 @@ from scenectl.data.features import features_to_joints
 from scenectl.models.config import TokenizerConfig
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.training.dataset import Windows
-from scenectl.training.loop import FRAMES, Loop, LoopSettings
+from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
 from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
 from scenectl.training.placement import Placement
 
@@ -63,6 +63,7 @@ def train_tokenizer(
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Tokenizer(config)
     mean, std = data.statistics()
+    data = data.on(place.device)
     model.mean.copy_(mean)
     model.std.copy_(std)
     loop = Loop(model, settings.loop, folder, seed, place)
@@ -71,37 +72,38 @@ def train_tokenizer(
         with place.autocast():
             return model.decode_latent(latent).float()
 
-    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         choice = int(torch.randint(len(settings.frames), (), generator=generator))
         frames = settings.frames[choice]
         # The same number of frames a step, whatever the length of the windows.
         batch = max(1, settings.loop.batch * settings.frames[0] // frames)
-        features = data.draw(frames, batch, generator)[0].to(place.device)
+        features = data.draw(frames, batch, generator)[0]
         with place.autocast():
             latent = model.latent(features)
         latent = latent.float()
         seen = {FRAMES: float(batch * frames)}
         if iteration < settings.continuous:
             loss, error = reconstruction_loss(decoded(latent), features, model.std, settings.reconstruction)
-            return loss, {"error_m": float(error), **seen}
+            return loss, {"error_m": error, **seen}
         if iteration == settings.continuous:
             model.quantiser.initialise(latent.detach())
         kept = _kept_scales(model, batch, settings.dropout, generator).to(place.device)
         quantised = model.quantiser(latent, kept)
         loss, error = reconstruction_loss(decoded(quantised.latent), features, model.std, settings.reconstruction)
         total = loss + quantised.codebook_loss + settings.commitment * quantised.commitment_loss
-        figures = {
-            "error_m": float(error),
-            "commitment": float(quantised.commitment_loss.detach()),
-            "codes": float(torch.unique(quantised.tokens[-1]).numel()),
+        used = torch.zeros(model.config.codes, device=place.device).index_fill_(0, quantised.tokens[-1].flatten(), 1.0)
+        figures: Figures = {
+            "error_m": error,
+            "commitment": quantised.commitment_loss.detach(),
+            "codes": used.sum(),
             **seen,
         }
         return total, figures
 
-    def after() -> dict[str, float]:
+    def after() -> Figures:
         if loop.iteration < settings.continuous:
             return {}
-        return {REVIVED: float(model.quantiser.update_codebook(settings.decay, settings.revive_below))}
+        return {REVIVED: model.quantiser.update_codebook(settings.decay, settings.revive_below)}
 
     loop.run(step, after)
     return loop

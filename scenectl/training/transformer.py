@@ -16,7 +16,7 @@ from scenectl.models.tokenizer import Tokenizer
 from scenectl.models.transformer import ScaleTransformer
 from scenectl.text import TextEncoder, TextFeatures
 from scenectl.training.dataset import Windows
-from scenectl.training.loop import FRAMES, Loop, LoopSettings
+from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
 from scenectl.training.placement import Placement
 
 
@@ -77,6 +77,7 @@ def train_transformer(
 ) -> Loop:
     """Train, or go on training, in `folder`; the tokens are those of float32."""
     place = place or Placement()
+    data = data.on(place.device)
     tokenizer.to(place.device).eval().requires_grad_(False)
     captions = Captions(data, encoder)
     quantiser = tokenizer.quantiser
@@ -84,12 +85,12 @@ def train_transformer(
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
     loop = Loop(model, settings.loop, folder, seed, place)
 
-    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
         finest = int(torch.randint(low, high + 1, (), generator=generator))
         batch = max(4, settings.loop.batch * 16 // finest)
         features, clips = data.draw(finest * DOWNSAMPLING, batch, generator)
-        tokens = _tokens(tokenizer, features.to(place.device))
+        tokens = _tokens(tokenizer, features)
         drop = torch.rand(batch, generator=generator) < settings.drop_text
         prompt = place.text(captions.draw(clips, generator))
         seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
@@ -97,8 +98,8 @@ def train_transformer(
             logits = model(quantiser, model.without_text(prompt, drop.to(place.device)), seen, finest)
         logits, target = logits.float().flatten(0, 1), torch.cat(tokens, dim=1).flatten()
         loss = F.cross_entropy(logits, target, label_smoothing=settings.smoothing)
-        figures = {
-            "cross_entropy": float(F.cross_entropy(logits.detach(), target)),
+        figures: Figures = {
+            "cross_entropy": F.cross_entropy(logits.detach(), target),
             FRAMES: float(batch * finest * DOWNSAMPLING),
         }
         return loss, figures

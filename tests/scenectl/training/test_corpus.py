@@ -215,12 +215,12 @@ def test_augmentation_makes_what_it_says_in_a_fixed_order() -> None:
     assert not any(c.id.startswith("b~b") for c in got)  # who does not travel is not bent
     assert sum(c.id.endswith("~m") for c in got) == len(got) / 2
     assert any(c.id.startswith("a~b") for c in got)
-    unedited = {"crouch": 0.0, "duck": 0.0, "sidestep": 0.0, "reach": 0.0}
+    unedited = {"crouch": 0.0, "duck": 0.0, "sidestep": 0.0, "reach": 0.0, "repeat": 0.0}
     assert [c.id for c in augmented([straight], Augmentation(bend=0, mirror=False, **unedited), 0)] == ["a"]
     for name in unedited:
         only = Augmentation(bend=0, mirror=False, **{**unedited, name: 1.0})
         assert [c.id for c in augmented([straight], only, 0)] == ["a", f"a~{name}"]
     running = replace(straight, label="run")
-    assert len(augmented([running], Augmentation(bend=0, mirror=False), 0)) == 1
+    assert len(augmented([running], Augmentation(bend=0, mirror=False, repeat=0.0), 0)) == 1
     turns = [math.copysign(1, float(c.joints[-1, 0, 0])) for c in augmented([straight], Augmentation(bend=12), 0)[1:13]]
     assert {-1.0, 1.0} <= set(turns)

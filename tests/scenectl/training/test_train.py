@@ -12,7 +12,7 @@ import torch.nn.functional as F
 
 from scenectl.data.features import features_to_joints, joints_to_features
 from scenectl.generators import load_generator
-from scenectl.models.bundle import build, bundled_weights
+from scenectl.models.bundle import build, bundled_weights, load_bundle
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.task import Task
 from scenectl.text import TextFeatures
@@ -27,27 +27,31 @@ from scenes.motion import Pose2D
 from tests.scenectl.small import Words, config, walk
 from tests.scenectl.training.folder import same, walks
 
-TINY = """
+DECODER = """[decoder]
+frames = [32, 24]
+loop = { iterations = 4, batch = 4, warmup = 1, log_every = 2 }
+"""
+TINY = f"""
 seed = 4
 [model]
 name = "tiny"
 text = "none"
-tokenizer = { width = 16, depth = 2, code_dim = 16, codes = 16, scales = [1, 2, 4], scale_convs = 2 }
-transformer = { width = 16, layers = 1, heads = 2, text_dim = 1 }
-refiner = { width = 16, layers = 1, heads = 2 }
+tokenizer = {{ width = 16, depth = 2, code_dim = 16, codes = 16, scales = [1, 2, 4], scale_convs = 2 }}
+transformer = {{ width = 16, layers = 1, heads = 2, text_dim = 1 }}
+refiner = {{ width = 16, layers = 1, heads = 2 }}
 [augmentation]
 bend = 1
 [tokenizer]
 frames = [32, 24]
 continuous = 3
-loop = { iterations = 8, batch = 4, learning_rate = 1e-3, warmup = 2, log_every = 2 }
-[refiner]
+loop = {{ iterations = 8, batch = 4, learning_rate = 1e-3, warmup = 2, log_every = 2 }}
+{DECODER}[refiner]
 frames = [32]
-loop = { iterations = 3, batch = 4, warmup = 1, log_every = 1 }
+loop = {{ iterations = 3, batch = 4, warmup = 1, log_every = 1 }}
 [transformer]
 min_frames = 36
 max_frames = 48
-loop = { iterations = 4, batch = 8, warmup = 1, log_every = 2 }
+loop = {{ iterations = 4, batch = 8, warmup = 1, log_every = 2 }}
 """
 
 
@@ -178,7 +182,7 @@ def test_a_finished_run_is_not_trained_again(run: Path, recipe: Path, data: Path
     assert all((run / name / "state.safetensors").read_bytes() == content for name, content in before.items())
 
 
-STAGES = ("tokenizer", "refiner", "transformer")
+STAGES = ("tokenizer", "decoder", "refiner", "transformer")
 
 
 def weights_of(folder: Path) -> dict[str, torch.Tensor]:
@@ -197,7 +201,7 @@ def test_stages_that_are_killed_end_as_if_they_had_not_been(
     from scenectl.training.loop import Loop
 
     own = Loop._step
-    for stage, stops in (("tokenizer", (2, 5)), ("refiner", (1,)), ("transformer", (3,))):
+    for stage, stops in (("tokenizer", (2, 5)), ("decoder", (2,)), ("refiner", (1,)), ("transformer", (3,))):
         for stop in stops:
 
             def step(loop: Loop, function: object, stop: int = stop) -> object:
@@ -216,13 +220,31 @@ def test_stages_that_are_killed_end_as_if_they_had_not_been(
 
 
 def test_stages_need_those_before_them(recipe: Path, data: Path, tmp_path: Path) -> None:
-    for stage in ("refiner", "transformer", "export"):
+    for stage in ("decoder", "refiner", "transformer", "export"):
         with pytest.raises(UserError, match="holds no trained tokenizer"):
             train(stage, data, recipe, tmp_path)  # type: ignore[arg-type]
     with pytest.raises(UserError, match="single stage"):
         train("all", data, recipe, tmp_path, iterations=3)
     with pytest.raises(UserError, match=r"no motions_20fps\.npz"):
         train("tokenizer", tmp_path, recipe, tmp_path)
+
+
+def test_a_decoder_of_its_own_leaves_the_tokens_alone(run: Path, recipe: Path, data: Path, tmp_path: Path) -> None:
+    trained, before = (weights_of(run / stage) for stage in ("decoder", "tokenizer"))
+    got = load_bundle(run / "weights").tokenizer
+    for name, tensor in got.state_dict().items():
+        part, _, rest = name.partition(".")
+        wanted = trained[f"averaged.{rest}"] if part == "decoder" else before[f"averaged.{name}"]
+        torch.testing.assert_close(tensor, wanted, atol=1e-3, rtol=1e-2)
+    moved = trained["averaged.net.0.weight"] - before["averaged.decoder.net.0.weight"]
+    assert float(moved.abs().max()) > 0
+    shutil.copytree(run / "tokenizer", tmp_path / "tokenizer")
+    plain = tmp_path / "plain.toml"
+    plain.write_text(TINY.replace(DECODER, ""))
+    train("decoder", data, plain, tmp_path)  # a recipe without one has nothing to do
+    assert not (tmp_path / "decoder").exists()
+    with pytest.raises(UserError, match="holds no trained decoder"):
+        train("refiner", data, recipe, tmp_path)
 
 
 def test_a_text_encoder_that_does_not_fit_is_found_before_anything_is_trained(
