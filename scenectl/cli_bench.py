@@ -228,6 +228,8 @@ def generator_bench(
         literal(f"evaluator: {result['evaluator']}; {result['clips']} test clips; never beside published figures")
     )
     _show(result, json_file)
+    recall = result["kinds"]["generated"]["recall"]
+    out.print(literal("recall by kind: " + ", ".join(f"{kind} {_cell(share)}" for kind, share in recall.items())))
     if plot_file is not None:
         plot(result, plot_file)
         out.print(f"wrote {plot_file}")
@@ -278,7 +280,9 @@ def gallery(
 
 
 def train(
-    stage: Annotated[str, typer.Argument(help="all, tokenizer, refiner, transformer, export, sweep or evaluator.")],
+    stage: Annotated[
+        str, typer.Argument(help="all, tokenizer, decoder, refiner, transformer, export, sweep or evaluator.")
+    ],
     data: Data = DATA,
     config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the run.")] = Path("runs/compact"),

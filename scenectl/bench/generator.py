@@ -29,8 +29,8 @@ from scenectl.evaluation.plausibility import plausibility
 from scenectl.evaluation.sets import HeldOut, MotionSet, generated, of_random_tokens, real, reconstructed
 from scenectl.generators import Progress
 from scenectl.generators.mscot import MSCoT
-from scenectl.training.dataset import prepare
 from scenectl.training.measures import code_use, overlapping
+from scenectl.training.sources import windows
 from scenes.bake import default_cache
 from scenes.files import atomic_write
 from scenes.motion import Pose2D
@@ -60,7 +60,7 @@ def bench_generator(
         generator: the model.
         evaluator: behind FID, R-precision, distances; its name stands in the result.
         classifier: of kinds of motion, frozen.
-        data: folder of the motion collection.
+        data: folder of the motion collection, or of HumanML3D.
         clips: at most so many test clips, by default all.
         repeats: of everything random.
         seed: of generated motions and draws.
@@ -71,7 +71,7 @@ def bench_generator(
     """
     tell = tell or (lambda what, done: None)
     tokenizer, cache = generator.bundle.tokenizer, default_cache() / "windows"
-    test = HeldOut.of(prepare(data, ["test"], None, cache, 0), seed, clips)
+    test = HeldOut.of(windows(data, ["test"], None, cache, 0), seed, clips)
     # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
     check_enough(len(test.captions))
     texts = evaluator.embed_texts(test.captions)
@@ -87,15 +87,16 @@ def bench_generator(
     confusion = {s.name: Confusion.of(test.kinds, classifier.predict(s.features)) for s in sets}
     for row in rows:
         row["label_recall"] = confusion[str(row["set"])].macro_recall
+    kinds = {name: _kinds(found) for name, found in confusion.items()}
     reconstruction = bench_tokenizer(generator.bundle, data)
-    use = code_use(tokenizer, overlapping(prepare(data, ["train"], None, cache, 0), 64))
+    use = code_use(tokenizer, overlapping(windows(data, ["train"], None, cache, 0), 64))
     posterior = bench_posterior(generator, seed=seed, progress=tell)
     return {
-        "summary": _summary(rows, reconstruction["summary"], use, posterior["summary"]),
+        "summary": _summary(rows, reconstruction["summary"], use, posterior["summary"], kinds["generated"]["worst"]),
         "rows": rows,
         "evaluator": evaluator.name,
         "clips": len(test.captions),
-        "kinds": {name: _kinds(found) for name, found in confusion.items()},
+        "kinds": kinds,
         "code_use": use,
         "reconstruction": reconstruction["rows"],
         "posterior": posterior["rows"],
@@ -170,11 +171,14 @@ def _summary(
     reconstruction: Mapping[str, Any],
     use: Sequence[Mapping[str, float]],
     posterior: Mapping[str, float],
+    worst: str | None,
 ) -> dict[str, Any]:
     truth, rebuilt, random, made = rows
     return {
         "reconstruction_error_m": reconstruction["reconstruction_error_m"],
         "reconstruction_error_other_m": reconstruction["reconstruction_error_other_m"],
+        "root_drift_m": reconstruction["root_drift_m"],
+        "root_drift_other_m": reconstruction["root_drift_other_m"],
         "code_use": min(row["share_used"] for row in use[FINER:]),
         "skating_ratio": made["skating_ratio"],
         "skating_ratio_real": truth["skating_ratio"],
@@ -187,6 +191,7 @@ def _summary(
         "r_precision_top3_real": truth["r_precision_top3"],
         "label_recall": made["label_recall"],
         "label_recall_real": truth["label_recall"],
+        "worst_kind": worst,
         "posterior_kl": posterior["kl_nats"],
     }
 

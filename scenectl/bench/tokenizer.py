@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from scenectl.models.bundle import Bundle, load_bundle
-from scenectl.training.dataset import prepare
+from scenectl.training.sources import windows
 from scenectl.training.tokenizer import reconstruction_error
 from scenes.bake import default_cache
 
@@ -16,21 +16,23 @@ def bench_tokenizer(
 ) -> dict[str, Any]:
     """Mean joint error (m) over the first frames of every test clip that is long enough, by source and length."""
     tokenizer = (weights if isinstance(weights, Bundle) else load_bundle(weights)).tokenizer
-    windows = prepare(Path(data), ["test"], None, default_cache() / "windows", 0)
+    test = windows(Path(data), ["test"], None, default_cache() / "windows", 0)
     rows = [
         {"frames": length, "set": name, **figures}
         for length in frames
-        for name, figures in reconstruction_error(tokenizer, windows, length).items()
+        for name, figures in reconstruction_error(tokenizer, test, length).items()
     ]
     summary = {
         "reconstruction_error_m": _pick(rows, "bandai"),
         "reconstruction_error_other_m": _pick(rows, "other"),
         "reconstruction_error_all_m": _pick(rows, "all"),
+        "root_drift_m": _pick(rows, "bandai", "root_drift_m"),
+        "root_drift_other_m": _pick(rows, "other", "root_drift_m"),
     }
     return {"summary": summary, "rows": rows}
 
 
-def _pick(rows: list[dict[str, Any]], name: str) -> float | None:
-    """Error at 64 frames, the paper's setting."""
-    found = [row["global_error_m"] for row in rows if row["frames"] == 64 and row["set"] == name]
+def _pick(rows: list[dict[str, Any]], name: str, figure: str = "global_error_m") -> float | None:
+    """A figure at 64 frames, the paper's setting."""
+    found = [row[figure] for row in rows if row["frames"] == 64 and row["set"] == name]
     return found[0] if found else None

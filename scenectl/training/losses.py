@@ -23,6 +23,8 @@ class ReconstructionWeights(BaseModel):
         feet: L1 on the displacement of ankles and feet between frames (m).
         velocities: L1 on the displacement of all joints between frames (m).
         contacts: L1 on the displacement of an ankle or foot between frames while the true one stands still (m).
+        lift: L1 on the heights of ankles and feet (m); feet that swing too low would count as skating.
+        peaks: largest error of any joint's second difference over a clip (m), which shows as a jerk.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -33,6 +35,8 @@ class ReconstructionWeights(BaseModel):
     feet: float = 10.0
     velocities: float = 0.0
     contacts: float = 0.0
+    lift: float = 0.0
+    peaks: float = 0.0
 
 
 def reconstruction_loss(
@@ -60,4 +64,8 @@ def reconstruction_loss(
         sliding = joints[..., _FEET, :].diff(dim=-3).abs().mean(-1)
         stands = (wanted[..., :-1, CONTACTS] > 0.5).to(sliding)
         loss = loss + weights.contacts * (sliding * stands).sum() / stands.sum().clamp_min(1.0)
+    if weights.lift:
+        loss = loss + weights.lift * difference[..., _FEET, 1].abs().mean()
+    if weights.peaks:
+        loss = loss + weights.peaks * difference.diff(n=2, dim=-3).norm(dim=-1).amax(dim=(-2, -1)).mean()
     return loss, difference.detach().norm(dim=-1).mean()

@@ -84,6 +84,7 @@ def shortened(recipe: Recipe, iterations: int) -> Recipe:
     for part in LOOPS:
         warmup = min(getattr(recipe, part).loop.warmup, max(1, iterations // 10))
         changes |= {f"{part}.loop.iterations": iterations, f"{part}.loop.warmup": warmup}
+    changes["decoder"] = None  # what is compared stops short of it
     changes["tokenizer.continuous"] = min(recipe.tokenizer.continuous, iterations // 4)
     return recipe.varied(changes)
 

@@ -25,7 +25,7 @@ KEYS = {
     "reconstruction_error_m", "reconstruction_error_other_m", "code_use", "skating_ratio", "skating_ratio_real",
     "max_acceleration_m_per_frame2", "max_acceleration_real_m_per_frame2", "fid", "fid_reconstruction",
     "fid_random_tokens", "r_precision_top3", "r_precision_top3_real", "label_recall", "label_recall_real",
-    "posterior_kl",
+    "posterior_kl", "root_drift_m", "root_drift_other_m", "worst_kind",
 }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from scenectl.training.dataset import Windows, census, prepare
 from scenes.errors import UserError
 from tests.scenectl.training.folder import walks
 
-PLAIN = Augmentation(mirror=False, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
+PLAIN = Augmentation(mirror=False, bend=0, crouch=0, duck=0, sidestep=0, reach=0, repeat=0)
 
 
 def numbered(lengths: list[int], groups: list[str]) -> Windows:
@@ -50,6 +50,14 @@ def test_draws_depend_on_the_generator_alone() -> None:
     again, other = data.draw(8, 20, seeded(4)), data.draw(8, 20, seeded(5))
     assert torch.equal(first[0], again[0]) and torch.equal(first[1], again[1])
     assert not torch.equal(first[0], other[0])
+
+
+def test_windows_on_a_device_are_cut_there() -> None:
+    data = numbered([40, 50], ["a", "b"])
+    there = data.on(torch.device("meta"))
+    rows, clips = there.draw(8, 20, seeded(4))
+    assert rows.device.type == "meta" and rows.shape == (20, 8, 263)
+    assert torch.equal(clips, data.draw(8, 20, seeded(4))[1])  # the same clips as on the CPU
 
 
 def test_a_group_is_drawn_by_the_square_root_of_its_size() -> None:

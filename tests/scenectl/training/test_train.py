@@ -276,6 +276,8 @@ def test_the_reconstruction_loss_is_its_terms() -> None:
         "joints": difference.abs().mean(),
         "feet": (feet[:, 1:] - feet[:, :-1]).abs().mean(),
         "velocities": (difference[:, 1:] - difference[:, :-1]).abs().mean(),
+        "lift": feet[..., 1].abs().mean(),
+        "peaks": (difference[0, 2:] - 2 * difference[0, 1:-1] + difference[0, :-2]).norm(dim=-1).max(),
         "contacts": sliding(features_to_joints(got)[:, :, [7, 10, 8, 11]], wanted[..., 259:263] > 0.5),
     }
     silent = dict.fromkeys(terms, 0.0)
@@ -361,6 +363,9 @@ def test_the_permissive_recipe_is_compact_on_free_data() -> None:
     ours, compact = load_recipe("permissive").model_dump(), load_recipe("compact").model_dump()
     assert (ours["commercial_only"], ours["model"]["name"]) == (True, "permissive")
     ours["commercial_only"], ours["model"]["name"] = False, "compact"
+    for stage in ("tokenizer", "decoder", "refiner", "transformer"):
+        own, whole = ours[stage].pop("loop"), compact[stage].pop("loop")
+        assert own["iterations"] < whole["iterations"] and own["batch"] == whole["batch"]
     assert ours == compact
 
 
