@@ -19,7 +19,7 @@ from scenectl.models.checkpoint import save_weights
 from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES
 from scenectl.text import load_text_encoder
 from scenectl.training.dataset import Windows, prepare
-from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.loop import Figures, Loop, LoopSettings
 from scenectl.training.transformer import Captions
 
 MIRRORED = Augmentation(mirror=True, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
@@ -108,7 +108,7 @@ def _train_contrastive(whole: _Whole, out: Path, seed: int) -> Loop:
         model, model.motion.mean, model.motion.std, whole, whole.settings.contrastive, out / "contrastive", seed
     )
 
-    def step(_: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+    def step(_: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         batch, clips = whole.draw(whole.settings.contrastive.batch, generator)
         return model.loss(batch, captions.draw(clips, generator).sentence), {}
 
@@ -123,7 +123,7 @@ def _train_kinds(whole: _Whole, out: Path, seed: int) -> Loop:
     model = KindClassifier(names)
     loop = _loop(model, model.encoder.mean, model.encoder.std, whole, whole.settings.kinds, out / "kinds", seed)
 
-    def step(_: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+    def step(_: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         batch, clips = whole.draw(whole.settings.kinds.batch, generator)
         return model.loss(batch, wanted[clips]), {}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import torch
 import torch.nn.functional as F
@@ -13,11 +14,14 @@ from scenectl.data.features import FEATURES
 from scenectl.models.config import TokenizerConfig
 from scenectl.models.schedule import scale_lengths
 
+Padding = Literal["zeros", "replicate"]
+"""What a convolution sees beyond the ends of a motion."""
+
 
 class ResidualBlock(nn.Module):
     """Dilated convolution and a pointwise one around a shortcut, as in T2M-GPT."""
 
-    def __init__(self, width: int, dilation: int, padding: str = "zeros") -> None:
+    def __init__(self, width: int, dilation: int, padding: Padding = "zeros") -> None:
         super().__init__()
         self.wide = nn.Conv1d(width, width, 3, padding=dilation, dilation=dilation, padding_mode=padding)
         self.point = nn.Conv1d(width, width, 1)
@@ -27,7 +31,7 @@ class ResidualBlock(nn.Module):
         return x + h
 
 
-def _blocks(config: TokenizerConfig, padding: str = "zeros") -> nn.Sequential:
+def _blocks(config: TokenizerConfig, padding: Padding = "zeros") -> nn.Sequential:
     dilations = [config.dilation_growth**i for i in range(config.depth)]
     return nn.Sequential(*(ResidualBlock(config.width, d, padding) for d in reversed(dilations)))
 

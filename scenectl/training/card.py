@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from scenectl.data.features import FPS
 from scenectl.training.loop import Loop
 from scenectl.training.recipe import Recipe
 from scenectl.training.tokenizer import REVIVED
@@ -17,15 +18,25 @@ def write_card(
     folder: Path,
     recipe: Recipe,
     loops: Mapping[str, Loop],
-    frames_by_source: Mapping[str, int],
-    hours: float,
+    frames: Mapping[str, Mapping[str, int]],
+    hours: tuple[float, float],
     terms: tuple[str, list[str]],
     metrics: Mapping[str, Any],
 ) -> None:
-    """Write `MODEL_CARD.md`, `metrics.json` and `curves.png` beside the weights."""
+    """Write `MODEL_CARD.md`, `metrics.json` and `curves.png` beside the weights.
+
+    Args:
+        folder: of the weights.
+        recipe: that they were trained by.
+        loops: of each part, finished.
+        frames: of training data by source and by kind of motion.
+        hours: of training data as recorded, and with augmented copies.
+        terms: licence of the weights, and credits.
+        metrics: what was measured.
+    """
     _draw_curves(loops, folder / "curves.png")
     with atomic_write(folder / "metrics.json", "w") as file:
-        json.dump({"hours_with_augmentation": hours, **metrics}, file, indent=1)
+        json.dump({"hours_recorded": hours[0], "hours_with_augmentation": hours[1], **metrics}, file, indent=1)
     licence, credits = terms
     lines = [
         f"# Model card: {recipe.model.name}",
@@ -34,12 +45,9 @@ def write_card(
         "",
         "## Data",
         "",
-        f"{hours:.2f} hours at 20 fps, augmented copies included (mirror, bent paths, speed).",
+        f"{hours[0]:.2f} hours as recorded at 20 fps, {hours[1]:.2f} with augmented copies, which the tables count.",
         "",
-        "| source | hours |",
-        "|---|---|",
-        *(f"| {source} | {frames / 20 / 3600:.2f} |" for source, frames in sorted(frames_by_source.items())),
-        "",
+        *(line for what, count in frames.items() for line in _hours_table(what, count)),
         "Credits and terms of the sources:",
         "",
         *(f"- {credit}" for credit in credits),
@@ -72,6 +80,11 @@ def write_card(
     ]
     with atomic_write(folder / "MODEL_CARD.md", "w") as file:
         file.write("\n".join(lines))
+
+
+def _hours_table(what: str, frames: Mapping[str, int]) -> list[str]:
+    rows = [f"| {name} | {count / FPS / 3600:.2f} |" for name, count in sorted(frames.items())]
+    return [f"| {what} | hours |", "|---|---|", *rows, ""]
 
 
 def _row(part: str, loop: Loop) -> str:

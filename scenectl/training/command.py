@@ -202,4 +202,6 @@ class Run:
             **measure_tokenizer(tokenizer, data, test),
             "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, encoder, test),
         }
-        write_card(folder, self.recipe, loops, census(data), data.hours, (licence, credits), metrics)
+        frames = {"source": census(data, data.sources), "kind": census(data, data.groups)}
+        hours = (data.recorded_hours, data.hours)
+        write_card(folder, self.recipe, loops, frames, hours, (licence, credits), metrics)

@@ -179,9 +179,9 @@ def _load(path: Path) -> Windows:
     return windows
 
 
-def census(windows: Windows) -> dict[str, int]:
-    """Frames by source."""
+def census(windows: Windows, names: Sequence[str]) -> dict[str, int]:
+    """Frames by name, of which every clip has one (`windows.sources`, `windows.groups`)."""
     frames: Counter[str] = Counter()
-    for source, length in zip(windows.sources, windows.lengths.tolist(), strict=True):
-        frames[source] += int(length)
+    for name, length in zip(names, windows.lengths.tolist(), strict=True):
+        frames[name] += int(length)
     return dict(frames)

@@ -96,7 +96,7 @@ def test_a_folder_becomes_windows(tmp_path: Path) -> None:
     data = prepare(walks(tmp_path / "data"), ["train"], PLAIN, tmp_path / "cache", 0)
     assert data.lengths.tolist() == [49 + 6 * i for i in range(5)]
     assert data.groups == ["walk", "bandai: walk-turn-left", "walk", "bandai: walk", "walk"]
-    assert census(data) == {"cmu": 49 + 61 + 73, "bandai": 55 + 67}
+    assert census(data, data.sources) == {"cmu": 49 + 61 + 73, "bandai": 55 + 67}
     assert data.hours == data.recorded_hours == pytest.approx(sum(data.lengths.tolist()) / 72000)
     joints = features_to_joints(data.features[: data.starts[1]])
     assert float(joints[-1, 0, 2]) == pytest.approx(48 / 20 * 0.9, abs=0.02)

@@ -162,7 +162,8 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     }
     card = (weights / "MODEL_CARD.md").read_text()
     for words in (
-        "# Model card: tiny", "non-commercial", "NSF EIA-0196217", "CC BY-NC 4.0", "| tokenizer | 8 |",
+        "# Model card: tiny", "non-commercial", "NSF EIA-0196217", "CC BY-NC 4.0", "hours as recorded",
+        "| walk | 0.0", "| tokenizer | 8 |", "| decoder | 4 |",
         "frames a second", "Codes restarted", "| left wrist |", "| 4 to 10 Hz |", "| scale | codes used, training |",
     ):  # fmt: skip
         assert words in card
