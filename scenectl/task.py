@@ -41,8 +41,10 @@ FPS = 20.0
 """Frames a second of the shipped generators; tasks are checked on this clock."""
 GROUND = 0.2
 """Metres from the ground point of a start to the nearest surface beyond which it hangs in the air."""
-SHORTEST, LONGEST = 1.8, 9.8
-"""Seconds that the generators can make (36 to 196 frames)."""
+SHORTEST, LONGEST = 1.8, 60.0
+"""Seconds of a motion; those beyond `ONE_PASS` are made as windows that are guided to agree."""
+ONE_PASS = 9.8
+"""Seconds that the generators make at once (196 frames); sampled starts are no further than that from their target."""
 
 Unit: TypeAlias = Literal["m", "cm", "mm", "in", "ft"]
 Axis: TypeAlias = Literal["x", "y", "z"]
@@ -232,7 +234,7 @@ class Task(_Table):
 
     Attributes:
         prompt: a sentence.
-        seconds: length, 1.8 to 9.8; with `walk` it may be left out and follows from the path.
+        seconds: length, 1.8 to 60; with `walk` it may be left out and follows from the path.
         scene: a bundled scene's name, a mesh file, a table (`SceneSpec`) or, in Python, a `Scene`.
         start: "sample" (a free place, chosen by the seed) or a table (`Start`); by default sampled in a scene with
             obstacles and the origin without.
@@ -265,7 +267,7 @@ class Task(_Table):
         except ValidationError as error:
             raise UserError(_sentence(error, data)) from error
         if self.seconds is None and self.walk is None:
-            raise UserError(f"'seconds' is missing; give {SHORTEST} to {LONGEST}")
+            raise UserError(f"'seconds' is missing; give {SHORTEST:g} to {LONGEST:g}")
         _ = self.terms  # unknown goals and parameters are errors of the task, not of its run
 
     @model_validator(mode="before")
@@ -347,7 +349,7 @@ class Task(_Table):
                 if not area.contains(np.asarray(self.walk.to), self.walk.radius):
                     raise  # the target itself is the trouble, no start will help
                 continue
-            if 1.0 <= length <= 0.75 * FASTEST_WALK * (self.seconds or LONGEST):
+            if 1.0 <= length <= 0.75 * FASTEST_WALK * min(self.seconds or ONE_PASS, ONE_PASS):
                 return float(x), ground, float(z)
         raise UserError(f"no free start from which {_at(self.walk.to)} can be walked to was found; state 'start'")
 
@@ -369,7 +371,13 @@ class Task(_Table):
             return self.seconds
         length = path_length(path)
         if self.seconds is None:
-            return min(max(round(length / PACE + 1.0, 1), SHORTEST), LONGEST)
+            seconds = max(round(length / PACE + 1.0, 1), SHORTEST)
+            if seconds > LONGEST:
+                raise UserError(
+                    f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {LONGEST:g} s "
+                    "at most; give a nearer target"
+                )
+            return seconds
         arrive = self.walk.arrive if self.walk is not None and self.walk.arrive is not None else self.seconds
         if not 0 < arrive <= self.seconds:
             raise UserError(f"walk: 'arrive' is {arrive:g} s; give a time within the {self.seconds:g} s of the task")

@@ -29,7 +29,7 @@ from scenectl.evaluation.plausibility import plausibility
 from scenectl.evaluation.sets import HeldOut, MotionSet, generated, of_random_tokens, real, reconstructed
 from scenectl.generators import Progress
 from scenectl.generators.mscot import MSCoT
-from scenectl.training.measures import code_use, overlapping
+from scenectl.training.measures import code_use, least_use, overlapping
 from scenectl.training.sources import windows
 from scenes.bake import default_cache
 from scenes.files import atomic_write
@@ -37,8 +37,6 @@ from scenes.motion import Pose2D
 
 MULTIMODAL = (20, 10)
 """Prompts and motions of each behind multimodality."""
-FINER = 3
-"""Code use counts at the scales beyond this one; the coarsest have too few positions to need all codes."""
 
 
 def bench_generator(
@@ -179,7 +177,7 @@ def _summary(
         "reconstruction_error_other_m": reconstruction["reconstruction_error_other_m"],
         "root_drift_m": reconstruction["root_drift_m"],
         "root_drift_other_m": reconstruction["root_drift_other_m"],
-        "code_use": min(row["share_used"] for row in use[FINER:]),
+        "code_use": least_use(use),
         "skating_ratio": made["skating_ratio"],
         "skating_ratio_real": truth["skating_ratio"],
         "max_acceleration_m_per_frame2": made["max_acceleration_m_per_frame2"],

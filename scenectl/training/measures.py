@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -17,6 +18,9 @@ from scenes.skeleton import HUMANML3D
 
 BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 10.0))
 """Hz, from the lower bound up to the upper: posture, gait, its harmonics, what is fast. The last ends at Nyquist."""
+
+FINER = 3
+"""Code use is judged at the scales beyond this one: coarser ones have few tokens to use codes with."""
 
 _MOST = 2000
 """Clips looked at, at most: more change no figure that the card prints."""
@@ -77,6 +81,11 @@ def code_use(tokenizer: Tokenizer, features: Float[Tensor, "C T 263"]) -> list[d
         }
         for k in range(quantiser.scales)
     ]
+
+
+def least_use(use: Sequence[Mapping[str, float]], figure: str = "share_used") -> float:
+    """The smallest figure of `code_use` among the scales beyond `FINER`, or at the last where there are no more."""
+    return min(row[figure] for row in use[FINER:] or use[-1:])
 
 
 @torch.no_grad()

@@ -10,7 +10,7 @@ from typing import Any
 
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.training.command import Run
-from scenectl.training.measures import beginnings, code_use
+from scenectl.training.measures import beginnings, code_use, least_use
 from scenectl.training.placement import Placement
 from scenectl.training.recipe import Recipe, Variant, load_recipe
 from scenectl.training.tokenizer import reconstruction_error
@@ -21,8 +21,6 @@ Row = dict[str, Any]
 Tell = Callable[[str, float], None]
 
 LOOPS = ("tokenizer", "refiner", "transformer")
-_FROM = 3
-"""Code use is averaged over the scales beyond this one: coarse scales have few tokens to use codes with."""
 
 
 def train_sweep(
@@ -132,14 +130,13 @@ def _reconstruction(run: Run, tokenizer: Tokenizer) -> dict[str, float]:
     test = run.windows(["test"], False)
     errors = reconstruction_error(tokenizer, test, 64)
     use = code_use(tokenizer, beginnings(test, 64))
-    late = use[_FROM:] or use[-1:]
     found = {f"error_{name}_m": errors[name]["global_error_m"] for name in ("bandai", "other", "all") if name in errors}
     return {
         **found,
         "local_error_m": errors["all"]["local_error_m"],
         "root_drift_m": errors["all"]["root_drift_m"],
-        "codes_used": sum(row["share_used"] for row in late) / len(late),
-        "perplexity": sum(row["perplexity"] for row in late) / len(late),
+        "codes_used": least_use(use),
+        "perplexity": least_use(use, "perplexity"),
     }
 
 

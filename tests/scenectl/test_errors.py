@@ -101,7 +101,7 @@ def test_task_files(kind: str, tmp_path: Path, scenectl: Callable[..., object]) 
     [
         ("seconds = 4.0\n", "'prompt' is missing"),
         ('prompt = "x"\n', "'seconds' is missing"),
-        ('prompt = "x"\nseconds = 40.0\n', "seconds"),
+        ('prompt = "x"\nseconds = 60.5\n', "seconds"),
         ('prompt = ""\nseconds = 4.0\n', "prompt"),
         ('prompt = "x\n', "TOML"),
         ("prompt = 'x'\nseconds = 'long'\n", "seconds"),

@@ -18,6 +18,7 @@ from scenectl.training.measures import (
     code_use,
     error_by_band,
     error_by_joint,
+    least_use,
     measure_tokenizer,
 )
 from scenes.errors import UserError
@@ -32,6 +33,12 @@ def model() -> Tokenizer:
     made.mean.copy_(rows.mean(0))
     made.std.fill_(0.3)
     return made
+
+
+def test_code_use_is_judged_beyond_the_coarse_scales() -> None:
+    use = [{"share_used": share, "perplexity": 9 * share} for share in (0.1, 0.2, 0.3, 0.8, 0.7)]
+    assert least_use(use) == 0.7 and least_use(use, "perplexity") == pytest.approx(6.3)
+    assert least_use(use[:2]) == 0.2  # of two scales the last
 
 
 def test_code_use_is_what_counting_by_hand_gives() -> None:
