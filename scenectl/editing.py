@@ -6,12 +6,13 @@ each seam onto the original, and what then remains of a jump is spread over the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from scenectl.control.problem import Problem
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers import minimise
 from scenectl.generators.base import Editor, Generation, Generator, Guide, Progress, Step
@@ -93,23 +94,6 @@ def check(motion: Motion, regenerate: Bool[Tensor, " T"]) -> None:
         )
 
 
-@dataclass
-class _At:
-    """A step seen at another value."""
-
-    step: Step
-    value: Tensor
-
-    def decode(self, value: Tensor) -> Motion:
-        return self.step.decode(value)
-
-    def jvp(self, tangent: Tensor) -> Tensor:
-        return self.step.jvp(tangent)
-
-    def vjp(self, cotangent: Tensor) -> Tensor:
-        return self.step.vjp(cotangent)
-
-
 class Keeping:
     """A guide towards the kept frames beside the seams, in the world, and towards another guide's goals."""
 
@@ -146,13 +130,13 @@ class Keeping:
         shape, start = step.value.shape, step.value.detach().flatten(1)
 
         def cost(x: Tensor) -> Tensor:
-            wanted = -self.log_prob(_At(step, x.unflatten(1, shape[1:])))
+            wanted = -self.log_prob(step.at(x.unflatten(1, shape[1:])))
             return wanted + self.solver.prior * (x - start).square().sum(1)
 
         def done(x: Tensor) -> Tensor:
             return torch.zeros(len(x), dtype=torch.bool)
 
-        return minimise(cost, start, self.solver, done).value.unflatten(1, shape[1:])
+        return minimise(Problem(cost, start, done), self.solver).value.unflatten(1, shape[1:])
 
 
 def near(mask: Bool[Tensor, " T"], frames: int) -> Bool[Tensor, " T"]:

@@ -149,9 +149,16 @@ def run(
             "licence": generator.licence,
             "trace": _json(made.trace),
         },
+        "refinement": _refinement(guide),
         "timing": clock.laps,
     }
     return Result(problem, motion, rows, {**_report(problem, rows), **facts})
+
+
+def _refinement(guide: ObjectiveGuide) -> dict[str, Any] | None:
+    """Which solver refined, at what price, and why it ended for each of the generator's samples."""
+    found = guide.solution
+    return None if found is None else {"solver": found.solver, "passes": found.evaluations, "ended": found.reasons}
 
 
 def score(motion: Motion, task: Task, progress: Progress | None = None) -> Result:
@@ -168,7 +175,12 @@ def score(motion: Motion, task: Task, progress: Progress | None = None) -> Resul
     problem = task.build(start=start_of(batch[0], task.load_body()))
     problem.objective.check(problem.context, batch.seconds, batch.fps, batch.t0)
     made, rows = _ranked(Generation(batch), problem, Scorer(problem.scene, problem.body), tell)
-    return Result(problem, made, rows, {**_report(problem, rows), "seed": task.seed, "generator": None, "timing": {}})
+    return Result(
+        problem,
+        made,
+        rows,
+        {**_report(problem, rows), "seed": task.seed, "generator": None, "refinement": None, "timing": {}},
+    )
 
 
 def load_task_generator(task: Task) -> Generator:

@@ -7,8 +7,10 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives import Context, Objective
+from scenectl.control.problem import Problem, Solution
+from scenectl.control.residuals import Residuals
 from scenectl.control.settings import GuidanceSettings, SolverSettings
-from scenectl.control.solvers import Solution, minimise
+from scenectl.control.solvers import minimise
 from scenectl.generators.base import Progress, Step
 
 
@@ -52,19 +54,27 @@ class ObjectiveGuide:
         shape, start = step.value.shape, step.value.detach().flatten(1)
         passes = 0
 
-        def cost(x: Tensor) -> Tensor:
+        def value(x: Tensor) -> Tensor:
+            return x.unflatten(1, shape[1:])
+
+        def tell() -> None:
             nonlocal passes
             passes += 1
             if self.progress is not None:
                 self.progress("refinement", min(passes / (1.25 * self.solver.iterations), 1.0))
-            goals = self.objective.cost(step.decode(x.unflatten(1, shape[1:])), self.context)
+
+        def cost(x: Tensor) -> Tensor:
+            tell()
+            goals = self.objective.cost(step.decode(value(x)), self.context)
             return goals + self.solver.prior * (x - start).square().sum(1)
 
-        def done(x: Tensor) -> Bool[Tensor, " S"]:
-            return self.met(step, x.unflatten(1, shape[1:]))
+        def linearise(x: Tensor) -> Residuals:
+            tell()
+            return Residuals(self.objective, self.context, step.at(value(x)))
 
-        self.solution = minimise(cost, start, self.solver, done)
-        return self.solution.value.unflatten(1, shape[1:])
+        problem = Problem(cost, start, lambda x: self.met(step, value(x)), linearise)
+        self.solution = minimise(problem, self.solver)
+        return value(self.solution.value)
 
     @torch.no_grad()
     def met(self, step: Step, value: Float[Tensor, "S *v"]) -> Bool[Tensor, " S"]:

@@ -23,7 +23,9 @@ class SolverSettings(BaseModel):
     """How refinement searches (Eq. 12).
 
     Attributes:
-        name: "lbfgs" (default), "adam", or "gradient": the paper's ascent with a constant step.
+        name: "auto" (default) takes what fits the goals: "lm" (Levenberg-Marquardt in dual form) for few equations,
+            "gauss_newton" (by conjugate gradients) for many, "lbfgs" where there are goals that hold only on one
+            side, such as walls. Or "adam", or "gradient": the paper's ascent with a constant step.
         iterations: at most this many steps; 0 switches refinement off.
         step: step size; by default 0.05 for Adam and the paper's 0.01 for gradient ascent. L-BFGS finds its own.
         prior: pull towards the generator's own value, in units of cost per squared distance (per number):
@@ -34,7 +36,7 @@ class SolverSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: Literal["lbfgs", "adam", "gradient"] = "lbfgs"
+    name: Literal["auto", "lm", "gauss_newton", "lbfgs", "adam", "gradient"] = "auto"
     iterations: int = Field(default=100, ge=0)
     step: float | None = Field(default=None, gt=0)
     prior: float = Field(default=0.02, ge=0)

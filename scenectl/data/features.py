@@ -83,8 +83,11 @@ def joints_to_features(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T-1 26
     )
 
 
-def features_to_joints(features: Float[Tensor, "*b T 263"]) -> Float[Tensor, "*b T 22 3"]:
-    """Joint positions in the canonical frame (metres), differentiable; the last row's yaw and velocity go unused."""
+def features_to_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T 22 3"]:
+    """Joint positions in the canonical frame (metres), differentiable; the last row's yaw and velocity go unused.
+
+    Only the features up to the joints' positions are read, the first 67; others may be missing.
+    """
     half_turns = _since_start(features[..., YAW].squeeze(-1))
     turn = rotation_about_y(-2 * half_turns)
     step = features[..., ROOT_VELOCITY]

@@ -35,12 +35,25 @@ class Step(Protocol):
         """Motion in world coordinates, ``[S, T, J, 3]``, differentiable in `value`."""
         ...
 
+    def at(self, value: Float[Tensor, "S *v"]) -> Step:
+        """The same step with another value; products are taken there."""
+        ...
+
+    @property
+    def motion(self) -> Motion:
+        """The step's own value, decoded, detached."""
+        ...
+
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         """Change of the joints (m) for a change of the value, to first order."""
         ...
 
     def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S *v"]:
         """Gradient in the value for a gradient in the joints."""
+        ...
+
+    def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S *v"]:
+        """Gradients for R of them at once."""
         ...
 
 

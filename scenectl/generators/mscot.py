@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -11,9 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 
 from scenectl.data.features import FPS, features_to_joints
-from scenectl.generators.base import Generation, Guide, Progress
+from scenectl.generators.base import Generation, Guide, Progress, Step
 from scenectl.generators.keeping import Kept
-from scenectl.generators.steps import DecodedStep
+from scenectl.generators.steps import LatentStep
 from scenectl.generators.windows import Windows, in_turns
 from scenectl.models.bundle import Bundle
 from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES, tokens_for
@@ -90,7 +90,7 @@ class Tilt:
     """
 
     k: int
-    step: DecodedStep
+    step: Step
     prior: Float[Tensor, "S L_k V"]
     first_order: Float[Tensor, "S L_k V"]
     codes: Float[Tensor, "V d"]
@@ -242,7 +242,7 @@ class MSCoT:
         """First-order posterior of scale k (Eq. 9 to 11)."""
         codes = self.quantiser.codes(k)
         mean = prior.exp() @ codes
-        step = DecodedStep(mean, lambda e: self._decode(state, [*state.refined, e]))
+        step = self._step(state, mean, lambda e: [*state.refined, e])
         first_order = guide.gradient(step) @ codes.T
         if self.observer is not None:
             self.observer(Tilt(k, step, prior, first_order, codes))
@@ -252,10 +252,19 @@ class MSCoT:
 
     def _decode(self, state: _State, embeddings: list[Float[Tensor, "S _L_k d"]]) -> Motion:
         """World motion of embeddings, for as many scales as there are (algorithm 2)."""
-        latent = self._latent(state, embeddings)
-        features = self.bundle.tokenizer.decode_latent(latent)[:, : state.frames]
-        motion = Motion(features_to_joints(features), fps=FPS)
+        return self._placed(state, self.bundle.tokenizer.decode_latent(self._latent(state, embeddings)))
+
+    def _placed(self, state: _State, features: Float[Tensor, "S T c"]) -> Motion:
+        """World motion of features, without the frames that nobody asked for."""
+        motion = Motion(features_to_joints(features[:, : state.frames]), fps=FPS)
         return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
+
+    def _step(self, state: _State, value: Tensor, embeddings: Callable[[Tensor], list[Tensor]]) -> Step:
+        """A step whose value holds the embeddings of some scales."""
+        return LatentStep(
+            value, self.bundle.tokenizer, lambda v: self._latent(state, embeddings(v)),
+            lambda features: self._placed(state, features),
+        )  # fmt: skip
 
     def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _M d"]]) -> Float[Tensor, "S d N"]:
         """Latent of the whole motion, for as many scales as there are."""
@@ -265,9 +274,7 @@ class MSCoT:
     def _refine(self, state: _State, guide: Guide) -> list[Float[Tensor, "S _L_k d"]]:
         """Continuous refinement of all scales' residuals at once (Eq. 12)."""
         lengths = [e.shape[1] for e in state.refined]
-        step = DecodedStep(
-            torch.cat(state.refined, dim=1), lambda v: self._decode(state, list(v.split(lengths, dim=1)))
-        )
+        step = self._step(state, torch.cat(state.refined, dim=1), lambda v: list(v.split(lengths, dim=1)))
         return list(guide.refine(step).split(lengths, dim=1))
 
     def _latent_move(self, state: _State, refined: list[Tensor]) -> dict[str, object]:
@@ -285,13 +292,13 @@ def clipped(tilt: Float[Tensor, "*b V"], nats: float) -> Float[Tensor, "*b V"]:
     return tilt * (nats / spread.clamp_min(1e-12)).clamp_max(1.0)
 
 
-def exact_tilt(step: DecodedStep, guide: Guide, codes: Float[Tensor, "V d"], position: int) -> Float[Tensor, "S V"]:
+def exact_tilt(step: Step, guide: Guide, codes: Float[Tensor, "V d"], position: int) -> Float[Tensor, "S V"]:
     """Log-likelihood of the goals for every code at one position, the others at their means (Eq. 9, V decodes)."""
     rows = []
     for code in codes:
         value = step.value.clone()
         value[:, position] = code
-        rows.append(guide.log_prob(replace(step, value=value)))
+        rows.append(guide.log_prob(step.at(value)))
     return torch.stack(rows, dim=-1)
 
 

@@ -60,6 +60,8 @@ def test_run_refines_ranks_and_reports(task_file: Path, tiny: ModuleType) -> Non
     report = result.report
     assert report["generator"]["licence"] == "CC0-1.0" and report["generator"]["weights"] is None  # one handed in
     assert report["generator"]["trace"]["nan"] is None
+    assert report["refinement"]["solver"] in ("lm", "gauss_newton", "lbfgs") and report["refinement"]["passes"] > 0
+    assert len(report["refinement"]["ended"]) == len(report["samples"])
     assert report["body"]["source"].startswith("mean of women and men in ANSUR II")
     assert len(report["body"]["radii"]) > 40
     assert report["seed"] == 4

@@ -35,11 +35,21 @@ class TinyStep:
         offset = torch.stack([x, torch.zeros_like(x), z], dim=-1)
         return Motion(self.start.apply(statue() + offset[..., None, :]))
 
+    def at(self, value: Float[Tensor, "S T 2"]) -> TinyStep:
+        return TinyStep(value, self.start)
+
+    @property
+    def motion(self) -> Motion:
+        return self.decode(self.value)
+
     def jvp(self, tangent: Float[Tensor, "S T 2"]) -> Float[Tensor, "S T J 3"]:
         return torch.func.jvp(lambda value: self.decode(value).joints, (self.value,), (tangent,))[1]
 
     def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S T 2"]:
         return torch.func.vjp(lambda value: self.decode(value).joints, self.value)[1](cotangent)[0]
+
+    def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S T 2"]:
+        return torch.stack([self.vjp(each) for each in cotangents])
 
 
 class TinyGenerator:

@@ -91,7 +91,7 @@ def test_a_frame_that_is_not_a_number_does_not_silence_guidance() -> None:
     assert torch.isfinite(gradient).all() and gradient[0, 1] != 0
 
 
-@pytest.mark.parametrize("name", ["lbfgs", "adam", "gradient"])
+@pytest.mark.parametrize("name", ["lbfgs", "adam", "gradient", "lm", "gauss_newton"])
 def test_refinement_lowers_the_cost_on_random_networks(name: str) -> None:
     s = step()
     fine = 3e-3 if name == "gradient" else None

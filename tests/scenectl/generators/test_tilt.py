@@ -49,6 +49,9 @@ class Linear(MSCoT):
         latent = self.quantiser.latent(embeddings, state.finest).flatten(1)
         return Motion((latent @ self.map).unflatten(1, (FRAMES, 22, 3)))
 
+    def _step(self, state: _State, value: Tensor, embeddings: Callable[[Tensor], list[Tensor]]) -> Step:
+        return DecodedStep(value, lambda v: self._decode(state, embeddings(v)))
+
 
 def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Tensor, DecodedStep]:
     """Coarser scales drawn at random, and a prior for scale k with its mean."""

@@ -1,0 +1,150 @@
+"""What solvers solve, and what they all share: counting passes, remembering the best points, knowing when to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from scenectl.control.settings import SolverSettings
+
+Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
+"""Costs of a batch of points, differentiable, each depending on its own point alone."""
+
+Reason = Literal["met", "no progress", "budget"]
+"""Why a search ended: every term within its tolerance, nothing more to gain, or all steps spent."""
+
+
+@runtime_checkable
+class Linearisation(Protocol):
+    """Least-squares rows of a batch of points, and products with their Jacobian there.
+
+    The gradient of a sample's sum of squares is the gradient of its goals' cost; its value need not be the cost
+    (`objectives.Term.block`).
+    """
+
+    @property
+    def rows(self) -> Float[Tensor, "S R"]: ...
+
+    @property
+    def cost(self) -> Float[Tensor, " S"]:
+        """Of the goals, without the prior."""
+        ...
+
+    def jvp(self, tangent: Float[Tensor, "S n"]) -> Float[Tensor, "S R"]: ...
+
+    def vjp(self, cotangent: Float[Tensor, "S R"]) -> Float[Tensor, "S n"]: ...
+
+    def jacobian(self, rows: Bool[Tensor, " R"]) -> Float[Tensor, "S r n"]:
+        """The Jacobian of some rows, one backward pass each."""
+        ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Independent costs to be minimised from a start.
+
+    Attributes:
+        cost: goals and prior.
+        start: where to begin, ``[S, n]``; the prior pulls towards it.
+        done: says of a batch of points which are good enough to stop at.
+        linearise: the goals as least squares at a batch of points; without it only `cost` can be followed.
+    """
+
+    cost: Cost
+    start: Float[Tensor, "S n"]
+    done: Callable[[Tensor], Bool[Tensor, " S"]]
+    linearise: Callable[[Float[Tensor, "S n"]], Linearisation] | None = None
+
+    @cached_property
+    def opening(self) -> Linearisation | None:
+        """The goals as least squares at the start, which a choice of solver looks at and solvers begin with."""
+        return None if self.linearise is None else self.linearise(self.start.detach())
+
+
+@dataclass
+class Solution:
+    """Where a solver ended.
+
+    Attributes:
+        solver: which one it was.
+        value: best points met, ``[S, n]``.
+        cost: their costs, ``[S]``.
+        reasons: why each sample's search ended.
+        evaluations: passes (cost and gradient, or a linearisation) that were made.
+        history: best costs after each step.
+    """
+
+    solver: str
+    value: Float[Tensor, "S n"]
+    cost: Float[Tensor, " S"]
+    reasons: list[Reason]
+    evaluations: int = 0
+    history: list[Tensor] = field(default_factory=list)
+
+
+class Search:
+    """One solver at work on one problem.
+
+    Attributes:
+        active: samples that are still searched for.
+        solution: the best so far.
+    """
+
+    def __init__(self, problem: Problem, settings: SolverSettings, name: str, ask_every: int = 5) -> None:
+        """Begin.
+
+        Args:
+            problem: what to solve.
+            settings: patience, budget.
+            name: of the solver.
+            ask_every: steps after which `done` is asked again; it costs a decoding.
+        """
+        start = problem.start.detach()
+        self.problem, self.settings, self.start, self.ask_every = problem, settings, start, ask_every
+        worst = torch.full_like(start[:, 0], torch.inf)
+        self.solution = Solution(name, start.clone(), worst, ["budget"] * len(start))
+        self.idle = torch.zeros(len(start), dtype=torch.long)
+        self.active = torch.ones(len(start), dtype=torch.bool)
+
+    def evaluate(self, x: Float[Tensor, "S n"]) -> tuple[Float[Tensor, " S"], Float[Tensor, "S n"]]:
+        """Cost and gradient; points that are not numbers count as infinitely bad."""
+        x = x.detach().requires_grad_(True)
+        with torch.enable_grad():
+            value = self.problem.cost(x)
+            (gradient,) = torch.autograd.grad(value.sum(), x)
+        self.solution.evaluations += 1
+        value = torch.where(value.isfinite(), value, torch.full_like(value, torch.inf)).detach()
+        return value, torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
+
+    def linearise(self, x: Float[Tensor, "S n"]) -> tuple[Float[Tensor, " S"], Linearisation]:
+        """Cost, prior included, and least-squares rows."""
+        if self.problem.linearise is None or self.problem.opening is None:
+            raise TypeError(f"solver '{self.solution.solver}' needs the goals as least squares")
+        found = self.problem.opening if x is self.start else self.problem.linearise(x.detach())
+        self.solution.evaluations += 1
+        value = found.cost + self.settings.prior * (x - self.start).square().sum(1)
+        return torch.where(value.isfinite(), value, torch.full_like(value, torch.inf)).detach(), found
+
+    def accept(self, x: Tensor, value: Tensor) -> None:
+        """Remember points that are better than any before, and retire samples that are done or stuck."""
+        best = self.solution.cost
+        worthwhile = value < best - self.settings.progress * best.abs().nan_to_num(posinf=0.0)
+        better = value < best
+        self.solution.value = torch.where(better[:, None], x.detach(), self.solution.value)
+        self.solution.cost = torch.where(better, value, best)
+        self.solution.history.append(self.solution.cost.clone())
+        self.idle = torch.where(worthwhile | best.isinf(), torch.zeros_like(self.idle), self.idle + 1)
+        self._retire(self.idle >= self.settings.patience, "no progress")
+        if len(self.solution.history) % self.ask_every == 0:
+            self._retire(self.problem.done(self.solution.value), "met")
+
+    def _retire(self, which: Bool[Tensor, " S"], reason: Reason) -> None:
+        for i in (which & self.active).nonzero()[:, 0].tolist():
+            self.solution.reasons[i] = reason
+        self.active &= ~which
