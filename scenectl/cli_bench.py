@@ -67,6 +67,38 @@ def keyframes(
     )
 
 
+@bench.command("control")
+def control_bench(
+    data: Data = DATA,
+    clips: Annotated[int, typer.Option(min=1, help="Test clips for each joint and density.")] = 2,
+    method: Annotated[list[str] | None, typer.Option(help="A method; repeatable. Default: all six.")] = None,
+    joint: Annotated[list[str] | None, typer.Option(help="A joint; repeatable. Default: six of them.")] = None,
+    density: Annotated[list[str] | None, typer.Option(help="1, 2, 5, 25% or 100%; repeatable. Default: all.")] = None,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+    json_file: Json = None,
+    plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw error against seconds to this file.")] = None,
+) -> None:
+    """Ways of reaching keyframes on the same motions: the paper's, ControlMM's, Adam, L-BFGS and ours."""
+    from scenectl.bench.control import DENSITIES, JOINTS, METHODS, bench_control, plot
+
+    chosen = (method or METHODS, joint or JOINTS, density or tuple(DENSITIES))
+    with bars() as tell:
+        result = bench_control(_generator(weights, threads), data, clips, *chosen, seed, tell)
+    _show(
+        result,
+        json_file,
+        (
+            "method", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m", "moved_m",
+            "bone_error_m", "max_acceleration_m_per_frame2", "skating_ratio",
+        ),
+    )  # fmt: skip
+    if plot_file is not None:
+        plot(result, plot_file)
+        out.print(f"wrote {plot_file}")
+
+
 @bench.command()
 def progmogen(
     prompts: Annotated[Path, typer.Option("--data", help="ProgMoGen's prompts (JSON).")] = PROMPTS,

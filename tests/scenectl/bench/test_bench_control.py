@@ -1,0 +1,54 @@
+"""Ways of reaching keyframes, on an untrained model of a few codes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scenectl.bench import control
+from scenectl.bench.control import METHODS, bench_control, plot
+from scenectl.generators.mscot import MSCoT
+from scenes.errors import UserError
+from tests.scenectl.small import bundle
+from tests.scenectl.training.folder import walks
+
+KEYS = {
+    "method", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m", "location_error",
+    "moved_m", "bone_error_m", "max_acceleration_m_per_frame2", "skating_ratio",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return walks(tmp_path_factory.mktemp("data"))
+
+
+def test_every_method_has_a_row_beside_the_free_sample(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("PAPER_STEPS", "LOGIT_STEPS", "EMBEDDING_STEPS"):
+        monkeypatch.setattr(control, name, 4)
+    monkeypatch.setattr(control, "STEPS_TRIED", (1e-6, 1e-4))
+    result = bench_control(MSCoT(bundle()), data, 1, METHODS, ("head",), ("2", "25%"))
+    rows, summary = result["rows"], result["summary"]
+    assert [row["method"] for row in rows] == ["uncontrolled", *METHODS] * 2
+    assert all(set(row) == KEYS for row in rows)
+    free, *controlled = rows[:7]
+    assert free["passes"] == 0 and free["moved_m"] == 0.0
+    assert all(row["passes"] > 0 and row["refine_seconds"] > 0 for row in controlled)
+    best = min(controlled, key=lambda row: row["average_error_m"])
+    assert best["method"] == "scenectl" and best["average_error_m"] < free["average_error_m"]
+    assert summary["motions"] == 2 and summary["paper_over_scenectl_passes"] > 0
+    assert summary["scenectl_average_error_m_at_2"] == controlled[-1]["average_error_m"]
+    plot(result, tmp_path / "control.png")
+    assert (tmp_path / "control.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("methods", "joints", "densities"),
+    [(("papr",), ("head",), ("1",)), (("adam",), ("hed",), ("1",)), (("adam",), ("head",), ("3",))],
+)
+def test_what_is_not_known_is_named(data: Path, methods: tuple, joints: tuple, densities: tuple) -> None:
+    with pytest.raises(UserError, match=r"unknown '(papr|hed|3)'"):
+        bench_control(MSCoT(bundle()), data, 1, methods, joints, densities)
