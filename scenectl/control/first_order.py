@@ -46,7 +46,7 @@ _MAX_SEARCH = 10
 
 
 def lbfgs(search: Search) -> None:
-    """L-BFGS with a weak-Wolfe bisection search, batched (Nocedal and Wright, algorithms 7.4 and 3.5)."""
+    """L-BFGS with a strong-Wolfe search by bisection, batched (Nocedal and Wright, algorithms 7.4 and 3.5)."""
     x = search.start.clone()
     value, gradient = search.evaluate(x)
     search.accept(x, value)
@@ -103,12 +103,14 @@ def _line_search(
         trial = x + length[:, None] * direction
         trial_value, trial_gradient = search.evaluate(trial)
         decreases = trial_value <= value + _WOLFE_DECREASE * length * slope
-        flat = (trial_gradient * direction).sum(1) >= _WOLFE_CURVATURE * slope
-        take = ~found & decreases
+        trial_slope = (trial_gradient * direction).sum(1)
+        flat = trial_slope.abs() <= _WOLFE_CURVATURE * slope.abs()
+        beyond = ~decreases | (trial_slope > 0)  # a minimum lies before the trial
+        take = ~found & decreases & (trial_value <= best_value)
         best_x = torch.where(take[:, None], trial, best_x)
         best_value = torch.where(take, trial_value, best_value)
         gradient_at = torch.where(take[:, None], trial_gradient, gradient_at)
-        low, high = torch.where(take, length, low), torch.where(~found & ~decreases, length, high)
+        low, high = torch.where(~found & ~beyond, length, low), torch.where(~found & beyond, length, high)
         found = found | (decreases & flat)
         if found.all():
             break
