@@ -16,6 +16,7 @@ from scenectl.generators.keeping import Kept
 from scenectl.generators.steps import LatentStep
 from scenectl.generators.windows import Windows, in_turns
 from scenectl.models.bundle import Bundle
+from scenectl.models.precision import cpu_has_bfloat16
 from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES, tokens_for
 from scenectl.models.transformer import Cache
 from scenectl.text import TextFeatures
@@ -112,6 +113,8 @@ class MSCoT:
         self.bundle, self.observer = bundle, observer
         self.sampling = sampling or Sampling()
         self.quantiser = bundle.tokenizer.quantiser
+        single = self.quantiser.codebook.dtype is torch.float32
+        self._rough = torch.bfloat16 if single and cpu_has_bfloat16() else None
 
     @property
     def licence(self) -> str:
@@ -263,7 +266,7 @@ class MSCoT:
         """A step whose value holds the embeddings of some scales."""
         return LatentStep(
             value, self.bundle.tokenizer, lambda v: self._latent(state, embeddings(v)),
-            lambda features: self._placed(state, features),
+            lambda features: self._placed(state, features), self._rough,
         )  # fmt: skip
 
     def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _M d"]]) -> Float[Tensor, "S d N"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -61,12 +61,16 @@ class LatentStep:
         tokenizer: whose decoder it is.
         latent: affine map from values to latents ``[S, d, L]``.
         place: joints in the world, of the features ``[S, T, c]`` of 4 L frames.
+        rough: precision of many gradients at once, which solvers use as a model only; by default the value's own.
+        records: of the affine map, by the number of gradients and whether they are rough; kept from value to value.
     """
 
     value: Float[Tensor, "S *v"]
     tokenizer: Tokenizer
     latent: Callable[[Tensor], Tensor]
     place: Callable[[Tensor], Motion]
+    rough: torch.dtype | None = None
+    records: dict[tuple[int, bool], tuple[Tensor, Tensor]] = field(default_factory=dict, compare=False, repr=False)
 
     def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
         return self.place(self.tokenizer.decode_latent(self.latent(value)))
@@ -75,32 +79,42 @@ class LatentStep:
         return replace(self, value=value)
 
     @cached_property
+    @torch.no_grad()
     def motion(self) -> Motion:
         """The step's own value, decoded."""
-        return replace(self._joints[1], joints=self._joints[1].joints.detach())
+        return self.place(self._features)
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         moved = self.latent(tangent) - self.latent(torch.zeros_like(tangent))
         features = self._decoder.jvp(moved[None])[0].transpose(1, 2) * self.tokenizer.std[:_READ]
-        out: Tensor = torch.func.jvp(lambda f: self.place(f).joints, (self._features,), (features,))[1]
-        return out
+        dummy, pulled = self._pullback
+        (joints,) = torch.autograd.grad(pulled, dummy, features, retain_graph=True)
+        return joints
 
     def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S *v"]:
-        return self.vjps(cotangent[None])[0]
+        return self._vjps(cotangent[None], self.value.dtype)[0]
 
     def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S *v"]:
-        features, motion = self._joints
-        rows = [torch.autograd.grad(motion.joints, features, each, retain_graph=True)[0] for each in cotangents]
-        normal = (torch.stack(rows) * self.tokenizer.std[:_READ]).transpose(-1, -2)
-        return self._pulled_back(self._decoder.vjp(normal))
+        return self._vjps(cotangents, self.rough or self.value.dtype)
 
-    def _pulled_back(self, latent: Float[Tensor, "R S d L"]) -> Float[Tensor, "R S *v"]:
-        """The adjoint of the affine map's linear part, of all R at once."""
-        count = len(latent)
-        value = self.value.new_zeros(count * len(self.value), *self.value.shape[1:]).requires_grad_(True)
+    def _vjps(self, cotangents: Float[Tensor, "R S T J 3"], precision: torch.dtype) -> Float[Tensor, "R S *v"]:
+        count = len(cotangents)  # as so many motions, not by vmap, whose first use takes seconds to import
+        features = self._features.repeat(count, 1, 1).requires_grad_(True)
         with torch.enable_grad():
-            image = self.latent(value)
-        (gradient,) = torch.autograd.grad(image, value, latent.flatten(0, 1))
+            joints = self.place(features).joints
+        (rows,) = torch.autograd.grad(joints, features, cotangents.flatten(0, 1))
+        normal = (rows * self.tokenizer.std[:_READ]).unflatten(0, (count, -1)).transpose(-1, -2)
+        return self._pulled_back(self._decoder.vjp(normal.to(precision)), precision)
+
+    def _pulled_back(self, latent: Float[Tensor, "R S d L"], precision: torch.dtype) -> Float[Tensor, "R S *v"]:
+        """The adjoint of the affine map's linear part, of all R at once; autograd's record of it serves every value."""
+        count, rough = len(latent), precision is not self.value.dtype
+        if (count, rough) not in self.records:
+            value = self.value.new_zeros(count * len(self.value), *self.value.shape[1:]).requires_grad_(True)
+            with torch.enable_grad(), torch.autocast(value.device.type, torch.bfloat16, enabled=rough):
+                self.records[count, rough] = value, self.latent(value)
+        value, image = self.records[count, rough]
+        (gradient,) = torch.autograd.grad(image, value, latent.flatten(0, 1).to(image), retain_graph=True)
         return gradient.unflatten(0, (count, -1))
 
     @cached_property
@@ -113,8 +127,11 @@ class LatentStep:
         return self._decoder.output.transpose(1, 2) * self.tokenizer.std[:_READ] + self.tokenizer.mean[:_READ]
 
     @cached_property
-    def _joints(self) -> tuple[Tensor, Motion]:
-        """Features, and the motion that autograd knows to be made of them."""
+    def _pullback(self) -> tuple[Tensor, Tensor]:
+        """A gradient in the joints and the features' for it, linear in it: differentiating that leads forward."""
         features = self._features.detach().requires_grad_(True)
         with torch.enable_grad():
-            return features, self.place(features)
+            joints = self.place(features).joints
+            dummy = torch.zeros_like(joints).requires_grad_(True)
+            (pulled,) = torch.autograd.grad(joints, features, dummy, create_graph=True)
+        return dummy, pulled

@@ -2,7 +2,7 @@
 
 A decoder of convolutions, ReLUs and upsampling is piecewise linear: where its units are on or off is all that a
 linearisation has to remember. One forward pass saves that; any number of tangents and cotangents then go through at
-the price of their convolutions, all in one batch, without autograd's record.
+the price of their convolutions, all in one batch, without autograd's record, and in whatever precision they come.
 """
 
 from __future__ import annotations
@@ -97,10 +97,10 @@ def _convolution(conv: nn.Conv1d, x: Tensor, channels: int | None = None) -> tup
 
     def apply(x: Tensor, bias: Tensor | None) -> Tensor:
         padded = F.pad(x, (reach, reach), mode=mode) if reach else x
-        return F.conv1d(padded, weight, bias, dilation=dilation)
+        return F.conv1d(padded, weight.to(x), bias, dilation=dilation)
 
     def adjoint(y: Tensor) -> Tensor:
-        wide = F.conv_transpose1d(y.flatten(0, 1), weight, dilation=dilation)
+        wide = F.conv_transpose1d(y.flatten(0, 1), weight.to(y), dilation=dilation)
         if reach:
             inner = wide[..., reach:-reach].clone()
             if mode == "replicate":  # what lies beyond an end is the end's own
@@ -115,7 +115,7 @@ def _convolution(conv: nn.Conv1d, x: Tensor, channels: int | None = None) -> tup
 
 def _rectifier(x: Tensor) -> tuple[Tensor, _Link]:
     on = (x > 0).to(x)
-    return x * on, _Link(lambda t: t * on, lambda t: t * on)
+    return x * on, _Link(lambda t: t * on.to(t), lambda t: t * on.to(t))
 
 
 def _upsampling(module: nn.Upsample, x: Tensor) -> tuple[Tensor, _Link]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import torch
 
+from scenectl.models.precision import cpu_has_bfloat16
 from scenectl.text import TextFeatures
 from scenes.errors import UserError, did_you_mean
 
@@ -15,7 +15,6 @@ Precision = Literal["auto", "float32", "bfloat16"]
 DEVICES = ("auto", "cpu", "cuda")
 
 _CPU = torch.device("cpu")
-_BFLOAT16_FLAGS = {"avx512_bf16", "amx_bf16"}
 
 
 @dataclass(frozen=True)
@@ -59,15 +58,6 @@ def place(device: str = "auto", precision: Precision = "auto") -> Placement:
         raise UserError("device 'cuda' is not there (torch finds no accelerator); take --device cpu or auto")
     name = device if device != "auto" else "cuda" if torch.cuda.is_available() else "cpu"
     if precision == "auto":
-        fast = torch.cuda.is_bf16_supported(including_emulation=False) if name == "cuda" else _cpu_has_bfloat16()
+        fast = torch.cuda.is_bf16_supported(including_emulation=False) if name == "cuda" else cpu_has_bfloat16()
         precision = "bfloat16" if fast else "float32"
     return Placement(torch.device(name), torch.bfloat16 if precision == "bfloat16" else torch.float32)
-
-
-def _cpu_has_bfloat16(facts: Path = Path("/proc/cpuinfo")) -> bool:
-    """Whether the CPU multiplies in bfloat16; without such instructions autocast is slower than float32."""
-    try:
-        words = facts.read_text().split()
-    except OSError:
-        return False  # not a Linux: float32 works everywhere
-    return not _BFLOAT16_FLAGS.isdisjoint(words)

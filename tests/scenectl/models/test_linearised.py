@@ -57,3 +57,12 @@ def test_modules_that_are_not_understood_are_refused() -> None:
     net.net.insert(1, nn.GELU())
     with pytest.raises(TypeError, match="GELU"):
         LinearisedDecoder(net, latent())
+
+
+def test_rough_products_are_nearly_the_exact_ones() -> None:
+    net, z = decoder().float(), latent().float()
+    linear = LinearisedDecoder(net, z)
+    cotangent = torch.randn(3, *linear.output.shape)
+    exact, rough = linear.vjp(cotangent), linear.vjp(cotangent.bfloat16())
+    assert rough.dtype is torch.bfloat16
+    assert float((rough.float() - exact).norm() / exact.norm()) < 0.02

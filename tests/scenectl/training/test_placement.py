@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 import torch
 
+from scenectl.models.precision import cpu_has_bfloat16
 from scenectl.training.command import train
 from scenectl.training.loop import Loop
-from scenectl.training.placement import Placement, _cpu_has_bfloat16, place
+from scenectl.training.placement import Placement, place
 from scenes.errors import UserError
 from tests.scenectl.training.folder import same, walks
 from tests.scenectl.training.test_train import TINY, Killed, weights_of
@@ -20,10 +21,10 @@ def test_a_cpu_computes_in_bfloat16_only_where_it_has_instructions_for_it(tmp_pa
     facts = tmp_path / "cpuinfo"
     for flags, found in (("fpu avx512f", False), ("fpu avx512_bf16", True), ("amx_bf16 amx_tile", True)):
         facts.write_text(f"processor : 0\nflags : {flags}\n")
-        assert _cpu_has_bfloat16(facts) is found
-    assert not _cpu_has_bfloat16(tmp_path / "absent")
+        assert cpu_has_bfloat16(facts) is found
+    assert not cpu_has_bfloat16(tmp_path / "absent")
     assert place("cpu", "float32").compute is torch.float32 and place("cpu", "bfloat16").compute is torch.bfloat16
-    assert place("cpu").compute is (torch.bfloat16 if _cpu_has_bfloat16() else torch.float32)
+    assert place("cpu").compute is (torch.bfloat16 if cpu_has_bfloat16() else torch.float32)
 
 
 def test_devices_that_are_not_there_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
