@@ -17,7 +17,7 @@ from torch import Tensor
 
 from scenectl.control.problem import Linearisation, Search
 
-_FIRST_DAMPING = 1e-2
+_FIRST_DAMPING = 5e-2
 """Of the mean diagonal of J J^T (or of the rows' mean square, where J is not formed)."""
 _LEAST_DAMPING = 1e-8
 _GOOD = 0.1
