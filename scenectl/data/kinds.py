@@ -31,15 +31,16 @@ _GROUPS = {
 """Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
 
 
-EDITS = ("crouch", "duck", "sidestep", "reach")
-"""Pose edits, which end the labels of the copies they make and are kinds of their own."""
+EDITS = {"crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking"}
+"""Pose edits, which end the labels of the copies they make, and the kinds of their own that these are: copies are many,
+and would drown the few recordings in a kind with them."""
 
 
 def kind(source: str, label: str) -> str:
     """Kind of a clip: Bandai's content ("bandai: walk-turn-left"), elsewhere a group ("walk", "dance", ...)."""
     edit = label.rpartition(", ")[2]
     if edit in EDITS:
-        return edit
+        return EDITS[edit]
     if source == "bandai":
         return f"bandai: {label}"
     words = label.lower()

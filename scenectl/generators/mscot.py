@@ -47,7 +47,7 @@ class Sampling(BaseModel):
     cfg: float = Field(default=3.0, ge=0)
     temperature: float = Field(default=1.0, gt=0)
     top_p: float = Field(default=0.95, gt=0, le=1)
-    clip_nats: float = Field(default=30.0, ge=0)
+    clip_nats: float = Field(default=15.0, ge=0)
 
 
 @dataclass

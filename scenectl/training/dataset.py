@@ -23,7 +23,7 @@ from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenectl.data.kinds import kind_of
 from scenes.errors import UserError
 
-_FORMAT = 6
+_FORMAT = 7
 """Raised whenever prepared data must be made again."""
 
 

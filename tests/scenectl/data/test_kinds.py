@@ -13,6 +13,11 @@ from scenectl.data.kinds import REST, kind
 CLIPS = Path(__file__).parents[4] / "shared/data/motions/clips.jsonl"
 
 
+def test_copies_do_not_count_as_recordings_of_their_kind() -> None:
+    """Reaches made of walks are many, and had drowned the few that were recorded."""
+    assert kind("cmu", "walk, reach") == "reach while walking" != kind("hdm05", "depositFloorR")
+
+
 @pytest.mark.parametrize(
     ("source", "label", "wanted"),
     [
