@@ -304,7 +304,7 @@ def iterations(bench: Bench, tell: Tell) -> list[Path]:
     from scenectl.bench.figures import draw_trade_off
 
     draw_trade_off(rows, picture)
-    return [*_table(bench, rows, "iterations", "Refinement iterations, L-BFGS (the paper's Fig. 9)"), picture]
+    return [*_table(bench, rows, "iterations", "Refinement iterations (the paper's Fig. 9)"), picture]
 
 
 def densities(bench: Bench, tell: Tell) -> list[Path]:

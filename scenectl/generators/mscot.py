@@ -34,7 +34,8 @@ class Sampling(BaseModel):
     """How tokens are drawn.
 
     Attributes:
-        cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5).
+        cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5). More follows rare words of
+            a sentence better, such as "ducks", and makes feet slide.
         temperature: of the softmax.
         top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
             is kept; 1 keeps all.
@@ -44,10 +45,10 @@ class Sampling(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    cfg: float = Field(default=3.0, ge=0)
-    temperature: float = Field(default=1.0, gt=0)
+    cfg: float = Field(default=2.0, ge=0)
+    temperature: float = Field(default=0.7, gt=0)
     top_p: float = Field(default=0.95, gt=0, le=1)
-    clip_nats: float = Field(default=15.0, ge=0)
+    clip_nats: float = Field(default=20.0, ge=0)
 
 
 @dataclass
