@@ -161,7 +161,7 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     made = bundle()
     first: list[Tensor] = []
     for cfg in (0.0, 1.0, 2.0):
-        generator = MSCoT(made, Sampling(cfg=cfg))
+        generator = MSCoT(made, Sampling(cfg=cfg, temperature=1.0))
         text = generator._text("a person walks", 1)
         first.append(generator._prior(_State(40, Windows.covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
