@@ -81,7 +81,8 @@ def control_bench(
     plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw error against seconds to this file.")] = None,
 ) -> None:
     """Ways of reaching keyframes on the same motions: the paper's, ControlMM's, Adam, L-BFGS and ours."""
-    from scenectl.bench.control import DENSITIES, JOINTS, METHODS, bench_control, plot
+    from scenectl.bench.control import DENSITIES, METHODS, bench_control, plot
+    from scenectl.bench.keyframes import JOINTS
 
     chosen = (method or METHODS, joint or JOINTS, density or tuple(DENSITIES))
     with bars() as tell:

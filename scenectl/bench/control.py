@@ -15,8 +15,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term
+from scenectl.bench.keyframes import FAILED, JOINTS, usable_clips
 from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.data.corpus import Clip, load_motions
+from scenectl.data.corpus import Clip
 from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generation, Guide, Progress, Step
 from scenectl.generators.mscot import MSCoT, _State
@@ -30,15 +31,11 @@ from scenes.motion import Motion, Pose2D
 from scenes.scene import Scene
 from scenes.skeleton import HUMANML3D
 
-JOINTS = ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")
 DENSITIES: dict[str, int | float] = {"1": 1, "2": 2, "5": 5, "25%": 0.25, "100%": 1.0}
 """Keyframes, as a number, or as a share of the frames where it is a float."""
 METHODS = ("paper", "paper-best-step", "controlmm", "adam", "lbfgs", "scenectl")
-SHORTEST = 64
 TOLERANCE = 0.001
 """Metres from every keyframe within which methods that know when to stop do so."""
-FAILED = 0.5
-"""A keyframe missed by more than this (m) counts as a location error."""
 
 PAPER_STEPS, PAPER_STEP = 200, 0.01
 STEPS_TRIED = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
@@ -181,7 +178,7 @@ def bench_control(
     for given, known in ((methods, METHODS), (joints, JOINTS), (densities, DENSITIES)):
         for name in given:
             if name not in known:
-                raise UserError(f"unknown '{name}'{did_you_mean(name, known)}; known are {', '.join(known)}")
+                raise UserError(f"unknown '{name}'{did_you_mean(name, known)}")
     tell = progress or (lambda what, done: None)
     generator = MSCoT(replace(generator.bundle, text=_Remembered(generator.bundle.text)), generator.sampling)
     cases = list(_cases(data, clips, joints, densities, seed))
@@ -200,9 +197,7 @@ def bench_control(
 
 
 def _cases(data: str | Path, clips: int, joints: Sequence[str], densities: Sequence[str], seed: int) -> Iterator[Case]:
-    usable = [clip for clip in load_motions(data, ("test",)) if clip.frames >= SHORTEST and clip.captions]
-    if not usable:
-        raise UserError(f"'{data}' has no captioned test clip of {SHORTEST} frames or more")
+    usable = usable_clips(data)
     draw = torch.Generator().manual_seed(seed)
     for joint in joints:
         for density in densities:

@@ -64,10 +64,16 @@ def bench_keyframes(
     return {"summary": {"clips": len(rows), "keyframes": keyframes, **_summary(rows)}, "rows": rows}
 
 
-def _clips(data: str | Path, count: int, draw: torch.Generator) -> list[Clip]:
+def usable_clips(data: str | Path) -> list[Clip]:
+    """Captioned test clips of `SHORTEST` frames or more; raises UserError where there is none."""
     usable = [clip for clip in load_motions(data, ("test",)) if clip.frames >= SHORTEST and clip.captions]
     if not usable:
         raise UserError(f"'{data}' has no captioned test clip of {SHORTEST} frames or more")
+    return usable
+
+
+def _clips(data: str | Path, count: int, draw: torch.Generator) -> list[Clip]:
+    usable = usable_clips(data)
     order = torch.randperm(len(usable), generator=draw).tolist()
     return [usable[i] for i in order[:count]]
 
