@@ -2,17 +2,19 @@
 
 from objectives import library
 from objectives.context import BodyLike, Context, SceneLike
+from objectives.diagnosis import diagnosis
 from objectives.kernels import Kernel, Reduction
 from objectives.objective import Objective
 from objectives.parameters import File, FloorPoint, Point, Region
 from objectives.registry import GoalSpec, Masked, Parameter, forget, get_goal, goal, goals
 from objectives.report import TermReport
-from objectives.term import Evaluated, Term
+from objectives.term import Assessed, Evaluated, Term
 from objectives.tracks import Arc, ArrayTrack, Line, Sinusoid, Track, TrackBase, Waypoints
 
 __all__ = [
     "Arc",
     "ArrayTrack",
+    "Assessed",
     "BodyLike",
     "Context",
     "Evaluated",
@@ -34,6 +36,7 @@ __all__ = [
     "Track",
     "TrackBase",
     "Waypoints",
+    "diagnosis",
     "forget",
     "get_goal",
     "goal",

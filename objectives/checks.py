@@ -79,11 +79,11 @@ def _check_times(term: Term, begin: float, end: float, fps: float) -> None:
     for time in stated:
         if not begin - 0.5 / fps <= time <= end + 1e-6:
             raise UserError(f"{term.label}: time {time:g} s lies outside the motion, {_span(begin, end)}")
-    spans = [term.window] if term.window else []
-    spans += [span for name in _SPANS for span in term.parameters.get(name) or ()]
-    for span in spans:
+    spans = [(name, span) for name, span in (("window", term.window), ("sometime", term.sometime)) if span]
+    spans += [("window", span) for name in _SPANS for span in term.parameters.get(name) or ()]
+    for name, span in spans:
         if span[1] < begin or span[0] > end:
-            raise UserError(f"{term.label}: window {list(span)} s does not touch the motion, {_span(begin, end)}")
+            raise UserError(f"{term.label}: {name} {list(span)} s does not touch the motion, {_span(begin, end)}")
 
 
 def _span(begin: float, end: float) -> str:

@@ -14,7 +14,7 @@ from torch import Tensor
 from objectives.checks import check_term
 from objectives.context import Context
 from objectives.report import TermReport
-from objectives.term import Term
+from objectives.term import Assessed, Term
 from scenes.motion import Motion
 from scenes.skeleton import HUMANML3D, Skeleton
 
@@ -62,6 +62,15 @@ class Objective:
         the gradient of the cost.
         """
         return [term.block(motion, context) for term in self.counted]
+
+    def assess(self, motion: Motion, context: Context) -> Assessed:
+        """`residuals`, `cost` and `met`, every goal evaluated once; only the rows have a gradient."""
+        parts = [term.assess(motion, context) for term in self.counted]
+        shape = motion.joints.shape[:-3]
+        cost, met = motion.joints.new_zeros(shape), torch.ones(shape, dtype=torch.bool, device=motion.joints.device)
+        for part in parts:
+            cost, met = cost + part.cost, met & part.met
+        return Assessed([rows for part in parts for rows in part.rows], cost, met)
 
     @torch.no_grad()
     def met(self, motion: Motion, context: Context) -> Bool[Tensor, "*b"]:

@@ -15,7 +15,19 @@ from objectives.kernels import KERNELS, REDUCTIONS, Kernel, Reduction
 from objectives.parameters import describe, parse
 from scenes.errors import UserError, did_you_mean
 
-TERM_KEYS = ("use", "name", "weight", "tolerance", "at", "weights", "window", "kernel", "delta", "reduction")
+TERM_KEYS = (
+    "use",
+    "name",
+    "weight",
+    "tolerance",
+    "at",
+    "weights",
+    "window",
+    "sometime",
+    "kernel",
+    "delta",
+    "reduction",
+)
 """Keys of a [[goal]] table that belong to the term. A goal may declare `at` and `weights`, which it is then handed."""
 
 _RESERVED = frozenset(TERM_KEYS) - {"at", "weights"}
@@ -31,7 +43,7 @@ class Masked:
             the number of axes). What is inactive costs nothing and is left out of means.
         weights: factor on the cost of each entry, same shapes; the mean still divides by the plain count.
         sizes: components of each entry: one number, or one for each entry. A target in space has entries of 3,
-            whose length (and not each coordinate) is what `linear`, `huber` and the report look at.
+            whose length (and not each coordinate) is what all kernels and the report look at.
         labels: name of each entry in reports, usually a joint.
         points: where each entry is, world m, for reports.
     """
@@ -83,6 +95,7 @@ class GoalSpec:
         kernel, reduction, scale: the defaults of a term, from the paper that states the goal.
         dim: components of one entry, where the goal itself does not say.
         tolerance: worst residual that still counts as met, where the term does not say.
+        pulls: whether it draws joints to a place however far that is, so that one out of reach is an outlier.
         parameters: by name, in the order of the signature.
     """
 
@@ -96,6 +109,7 @@ class GoalSpec:
     delta: float
     dim: int
     tolerance: float
+    pulls: bool
     parameters: Mapping[str, Parameter]
 
     def validate(self, given: Mapping[str, Any], folder: Path | None = None, label: str = "") -> dict[str, Any]:
@@ -136,6 +150,7 @@ def goal(
     delta: float = 0.1,
     dim: int = 1,
     tolerance: float = 0.0,
+    pulls: bool = False,
     name: str | None = None,
     replace: bool = False,
 ) -> Callable[[F], F]:
@@ -146,12 +161,13 @@ def goal(
 
     Args:
         unit: unit of the residual (m, rad, m/s, ...).
-        kernel: `squared`, `linear` or `huber`, the default of terms that use the goal.
+        kernel: `squared`, `linear`, `huber` or `geman_mcclure`, the default of terms that use the goal.
         reduction: `sum` or `mean` over active valid frames and entries.
         scale: factor on the cost, multiplied by the term's weight.
-        delta: where `huber` turns linear, in `unit`.
+        delta: where `huber` turns linear and `geman_mcclure` flat, in `unit`.
         dim: components that make up one entry of the residual, 3 for a vector in space.
         tolerance: worst residual that still counts as met, in `unit`.
+        pulls: it draws joints to a place, however far; refinement pulls no harder where that is out of reach.
         name: name in task files, by default the function's.
         replace: replace a goal of the same name; otherwise a second one is an error.
     """
@@ -166,7 +182,7 @@ def goal(
         text = inspect.getdoc(function) or ""
         _GOALS[label] = GoalSpec(
             label, function, _summary(text), unit, kernel, reduction, float(scale), float(delta), dim, float(tolerance),
-            _parameters(label, function, text),
+            pulls, _parameters(label, function, text),
         )  # fmt: skip
         return function
 

@@ -30,7 +30,8 @@ class Evaluated:
     Attributes:
         residual: ``[*b, T, k]``, natural units; zero where it does not apply.
         square: squared length of every entry, ``[*b, T, n]``.
-        mask: where an entry applies: valid, active, inside `at` and `window`; ``[*b, T, n]``.
+        mask: where an entry applies: valid, active, inside `at` and `window`, and for `sometime` at the one frame that
+            is best; ``[*b, T, n]``.
         weights: factor on the cost of each entry, ``[*b, T, n]``.
         sizes: components of each of the n entries.
         labels: name of each entry, or nothing.
@@ -47,6 +48,21 @@ class Evaluated:
 
 
 @dataclass(frozen=True)
+class Assessed:
+    """All that a solver asks of goals at a motion.
+
+    Attributes:
+        rows: for least squares, a block for each term (`Term.block`).
+        cost: of every sample.
+        met: whether every term is within its tolerance.
+    """
+
+    rows: list[Float[Tensor, "*b _F _k"]]
+    cost: Float[Tensor, "*b"]
+    met: Bool[Tensor, "*b"]
+
+
+@dataclass(frozen=True)
 class Term:
     """A goal with parameters, weight, tolerance, times, kernel and reduction.
 
@@ -58,8 +74,10 @@ class Term:
         at: only at the frames nearest to these times (s, task clock). Handed to goals that declare it.
         weights: factor on the cost at each time of `at`. Handed to goals that declare it.
         window: only from the first to the second time (s, task clock), both included.
+        sometime: at one frame only, of those between the first and the second time (s): the one where least is amiss,
+            each sample's own. So the time is solved for along with the motion.
         kernel, reduction: by default the goal's, which are those of its paper.
-        delta: where `huber` turns linear, in the goal's unit.
+        delta: where `huber` turns linear and `geman_mcclure` flat, in the goal's unit.
         name: name in reports and errors, by default the goal's.
         folder: where relative file names are looked for.
     """
@@ -71,6 +89,7 @@ class Term:
     at: Number | Sequence[Number] | None = None
     weights: Sequence[Number] | None = None
     window: Sequence[Number] | None = None
+    sometime: Sequence[Number] | None = None
     kernel: str | None = None
     reduction: str | None = None
     delta: Number | None = None
@@ -98,8 +117,11 @@ class Term:
         loose = self.weights is not None and "weights" not in spec.parameters
         if loose and len(self.weights or ()) != len(self.times):
             raise UserError(f"{self.label}: 'weights' needs one number for each time of 'at'")
-        if self.window is not None and self.window[1] < self.window[0]:
-            raise UserError(f"{self.label}: 'window' must be [begin, end], not {list(self.window)}")
+        for key, span in (("window", self.window), ("sometime", self.sometime)):
+            if span is not None and span[1] < span[0]:
+                raise UserError(f"{self.label}: '{key}' must be [begin, end], not {list(span)}")
+        if self.sometime is not None and (self.at is not None or self.window is not None):
+            raise UserError(f"{self.label}: 'sometime' finds the time itself; leave out 'at' and 'window'")
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], folder: Path | None = None) -> Term:
@@ -142,6 +164,8 @@ class Term:
         weights = self._spread(result.weights, residual, len(sizes), "weights").to(residual.dtype)
         chosen = self._chosen(motion).to(residual.dtype)
         mask, weights = mask & (chosen > 0)[:, None], weights * chosen[:, None]
+        if self.sometime is not None:
+            mask = mask & _best_frame(_squares(residual.detach(), sizes) * weights, mask)[..., None]
         residual = torch.where(_per_component(mask, sizes), residual, 0.0)
         labels, points = self._places(result, motion, len(sizes))
         return Evaluated(residual, _squares(residual, sizes), mask, weights, sizes, labels, points)
@@ -152,38 +176,53 @@ class Term:
 
     def cost(self, motion: Motion, context: Context) -> Float[Tensor, "*b"]:
         """Cost of every sample: weight x scale x the sum or mean of the kernel over active valid entries."""
-        found = self.evaluate(motion, context)
-        costs = kernel_cost(self._kernel, found.square, self._delta) * found.weights * found.mask
-        return costs.sum((-2, -1)) * self._factor(found)
+        return self._cost(self.evaluate(motion, context))
 
     def met(self, motion: Motion, context: Context) -> Bool[Tensor, "*b"]:
         """Which samples have every active entry within the tolerance."""
+        return self._met(self.evaluate(motion, context))
+
+    def assess(self, motion: Motion, context: Context) -> Assessed:
+        """`block`, `cost` and `met` of one evaluation, the last two without a gradient."""
         found = self.evaluate(motion, context)
+        with torch.no_grad():
+            cost, met = self._cost(found), self._met(found)
+        return Assessed([self._block(found)], cost, met)
+
+    def _cost(self, found: Evaluated) -> Float[Tensor, "*b"]:
+        costs = kernel_cost(self._kernel, found.square, self._delta) * found.weights * found.mask
+        return costs.sum((-2, -1)) * self._factor(found)
+
+    def _met(self, found: Evaluated) -> Bool[Tensor, "*b"]:
         tolerance = self.spec.tolerance if self.tolerance is None else self.tolerance
         # Written so that what is not a number never passes.
         within_tolerance = (found.square.sqrt() <= tolerance) | ~found.mask
         return within_tolerance.flatten(-2).all(-1)
 
     def block(self, motion: Motion, context: Context) -> Float[Tensor, "*b F k"]:
-        """Rows for least squares over the F frames at which some sample is active.
+        """Rows for least squares over the F frames at which some sample is active; one frame for `sometime`.
 
-        For the kernel `squared` the sum of the squares is the cost. For `linear` and `huber` the weights are those
+        For the kernel `squared` the sum of the squares is the cost. For the others the weights are those
         of iteratively reweighted least squares (`kernels.least_squares_weight`), constants to autograd: the
         gradient of the sum of squares is the gradient of the cost, its value is not the cost.
         """
-        found = self.evaluate(motion, context)
+        return self._block(self.evaluate(motion, context))
+
+    def _block(self, found: Evaluated) -> Float[Tensor, "*b F k"]:
         per_entry = least_squares_weight(self._kernel, found.square, self._delta) * found.weights
         per_entry = (per_entry * self._factor(found)[..., None, None]).sqrt()
         rows = found.residual * _per_component(per_entry, found.sizes)
-        used = found.mask.any(-1).reshape(-1, motion.frames).any(0)
-        return rows[..., used, :]
+        active = found.mask.any(-1)
+        if self.sometime is not None:  # every sample's own frame, so that there are as many rows at every value
+            frame = active.int().argmax(-1)[..., None, None].expand(*active.shape[:-1], 1, rows.shape[-1])
+            return rows.gather(-2, frame)
+        return rows[..., active.reshape(-1, active.shape[-1]).any(0), :]
 
     def report(self, motion: Motion, context: Context) -> list[TermReport]:
         """One row for each sample (a motion without batch axes is one sample)."""
         with torch.no_grad():
             found = self.evaluate(motion, context)
-            costs = kernel_cost(self._kernel, found.square, self._delta) * found.weights * found.mask
-            totals = (costs.sum((-2, -1)) * self._factor(found)).reshape(-1)
+            totals = self._cost(found).reshape(-1)
             entries = len(found.sizes)
             sizes = found.square.sqrt().reshape(-1, motion.frames, entries)
             masks = found.mask.reshape(-1, motion.frames, entries)
@@ -255,8 +294,8 @@ class Term:
     def _chosen(self, motion: Motion) -> Float[Tensor, " T"]:
         """Weight of every frame by `window` and, where the goal does not handle it itself, `at`."""
         chosen = torch.ones(motion.frames, dtype=motion.joints.dtype, device=motion.joints.device)
-        if self.window is not None:
-            chosen = chosen * within(motion, (self.window[0], self.window[1]))
+        if (span := self.window or self.sometime) is not None:
+            chosen = chosen * within(motion, (span[0], span[1]))
         if self.at is not None and "at" not in self.spec.parameters:
             factors = self.weights or (1.0,) * len(self.times)
             at = torch.zeros_like(chosen)
@@ -307,6 +346,7 @@ _OPTIONS: dict[str, Any] = {
     "at": float | tuple[float, ...] | None,
     "weights": tuple[NotNegative, ...] | None,
     "window": tuple[float, float] | None,
+    "sometime": tuple[float, float] | None,
     "kernel": Kernel | None,
     "reduction": Reduction | None,
     "delta": Positive | None,
@@ -324,6 +364,13 @@ def _per_component(per_entry: Shaped[Tensor, "*b T n"], sizes: tuple[int, ...]) 
     if len(set(sizes)) == 1:
         return per_entry[..., None].expand(*per_entry.shape, sizes[0]).flatten(-2)
     return per_entry.repeat_interleave(torch.tensor(sizes, device=per_entry.device), dim=-1)
+
+
+def _best_frame(badness: Float[Tensor, "*b T n"], mask: Bool[Tensor, "*b T n"]) -> Bool[Tensor, "*b T"]:
+    """The frame of every sample at which the entries that apply are least amiss, as a mask."""
+    total = (badness * mask).sum(-1).nan_to_num(nan=torch.inf)
+    best = torch.where(mask.any(-1), total, torch.inf).argmin(-1)
+    return torch.nn.functional.one_hot(best, mask.shape[-2]).bool()
 
 
 def _squares(residual: Float[Tensor, "*b T k"], sizes: tuple[int, ...]) -> Float[Tensor, "*b T n"]:

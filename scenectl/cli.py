@@ -132,7 +132,7 @@ def goals(
     out.print(table)
     out.print(
         f"kernel {spec.kernel}, reduction {spec.reduction}, scale {spec.scale:g}, tolerance {spec.tolerance:g} "
-        f"{spec.unit}; every goal also takes name, weight, tolerance, at, window, kernel and reduction"
+        f"{spec.unit}; every goal also takes name, weight, tolerance, at, window, sometime, kernel and reduction"
     )
 
 
@@ -431,6 +431,8 @@ def _show(result: Result) -> None:
     out.print(table)
     for term in result.samples[0].terms:
         out.print("  " + literal(term.sentence()))
+    if (why := result.samples[0].diagnosis) is not None:
+        out.print("  why: " + literal(why))
 
 
 if __name__ == "__main__":

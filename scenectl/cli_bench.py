@@ -101,6 +101,30 @@ def control_bench(
 
 
 @bench.command()
+def implausible(
+    data: Data = DATA,
+    clips: Annotated[int, typer.Option(min=1, help="Test clips for each kind of bad target.")] = 8,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """Targets out of reach, or noise: bones, feet, and whether the culprit is named, beside goals alone."""
+    from scenectl.bench.implausible import bench_implausible
+
+    with bars() as tell:
+        result = bench_implausible(_generator(weights, threads), data, clips, seed, tell)
+    _show(
+        result,
+        json_file,
+        (
+            "kind", "way", "frames", "ended", "bone_error_m", "bone_error_free_m", "lift_m", "named", "seconds",
+            "diagnosis",
+        ),
+    )  # fmt: skip
+
+
+@bench.command()
 def progmogen(
     prompts: Annotated[Path, typer.Option("--data", help="ProgMoGen's prompts (JSON).")] = PROMPTS,
     task: Annotated[list[str] | None, typer.Option(help="hsi1, hsi2, hsi3; repeat for more. Default: all.")] = None,

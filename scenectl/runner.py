@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 import scenectl
-from objectives import TermReport
+from objectives import TermReport, diagnosis
 from scenectl.control import ObjectiveGuide
 from scenectl.generators.base import Generation, Generator, Progress
 from scenectl.metrics import Scorer, measure
@@ -43,6 +43,7 @@ class Sample:
         terms: how well each goal is met.
         metrics: see `scenectl.metrics.measure`.
         unrefined_cost: of the objective before refinement, or None.
+        diagnosis: why goals aren't met, in a sentence (`objectives.diagnosis`); None where they are.
     """
 
     index: int
@@ -50,6 +51,7 @@ class Sample:
     terms: list[TermReport]
     metrics: dict[str, float | str | None]
     unrefined_cost: float | None = None
+    diagnosis: str | None = None
 
     @property
     def met(self) -> bool:
@@ -239,7 +241,8 @@ def _ranked(made: Generation, problem: Problem, scorer: Scorer, tell: Progress) 
     rows = []
     for done, index in enumerate(order):
         figures = measure(made.motion[index], scorer)
-        rows.append(Sample(index, _number(costs[index]), terms[index], figures, _before(before, index)))
+        why = diagnosis(objective, made.motion[index], context)
+        rows.append(Sample(index, _number(costs[index]), terms[index], figures, _before(before, index), why))
         tell("measuring", (done + 1) / len(order))
     return replace(made.motion, joints=made.motion.joints[order], valid=made.motion.valid[order]), rows
 
@@ -279,6 +282,7 @@ def _row(rank: int, row: Sample) -> dict[str, Any]:
         "cost": row.cost,
         "unrefined_cost": row.unrefined_cost,
         "met": row.met,
+        "diagnosis": row.diagnosis,
         "terms": [term.as_dict() for term in row.terms],
         "metrics": _json(row.metrics),
     }

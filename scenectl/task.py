@@ -566,7 +566,7 @@ def _mapping(value: Any) -> Mapping[str, Any]:
 
 def _term_table(term: Term) -> dict[str, Any]:
     """A term built in Python as the [[goal]] table that would build it."""
-    keys = ("weight", "tolerance", "at", "weights", "window", "kernel", "reduction", "delta", "name")
+    keys = ("weight", "tolerance", "at", "weights", "window", "sometime", "kernel", "reduction", "delta", "name")
     options = {key: getattr(term, key) for key in keys if getattr(term, key) is not None}
     return {"use": term.goal, **_plain(options), **_plain(dict(term.parameters))}
 

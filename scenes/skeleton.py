@@ -49,6 +49,18 @@ class Skeleton:
         lengths: np.ndarray = np.linalg.norm(np.asarray(self.offsets, dtype=np.float64), axis=-1)
         return lengths
 
+    def span(self, a: str, b: str) -> float:
+        """Largest distance (m) between two joints, with all bones between them stretched in a line."""
+        ways: list[dict[int, float]] = []
+        for joint in (self.index(a), self.index(b)):
+            way, done = {joint: 0.0}, 0.0
+            while self.parents[joint] >= 0:
+                done += float(self.bone_lengths[joint])
+                joint = self.parents[joint]
+                way[joint] = done
+            ways.append(way)
+        return min(ways[0][joint] + ways[1][joint] for joint in ways[0].keys() & ways[1].keys())
+
 
 def _humanml3d() -> Skeleton:
     # Joints of SMPL without the hands. Lengths are those of HumanML3D's uniform skeleton, measured

@@ -26,7 +26,7 @@ def _past(height: Tensor, limit: Tensor | float, mode: str) -> Tensor:
     return (height - limit if mode == "below" else limit - height).clamp_min(0)
 
 
-@goal(unit="m", kernel="squared", reduction="sum", tolerance=0.05)
+@goal(unit="m", kernel="squared", reduction="sum", tolerance=0.05, pulls=True)
 def head_height(
     motion: Motion,
     context: Context,

@@ -1,13 +1,15 @@
-"""Staying natural while goals pull: feet that do not slide, joints that do not jerk."""
+"""Staying natural while goals pull: feet that don't slide, joints that don't jerk, limbs that don't stretch or snap."""
 
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from objectives.context import Context
 from objectives.library._joints import Joints, placed
 from objectives.library.scene import foot_heights
-from objectives.maths import beyond
+from objectives.maths import beyond, length
 from objectives.parameters import NotNegative, Positive
 from objectives.registry import Masked, goal
 from scenes.motion import Motion
@@ -71,3 +73,69 @@ def smoothness(
     none = torch.zeros_like(motion.valid[..., :1])
     active = torch.cat([none, known, none], dim=-1)[..., : motion.frames]
     return Masked(excess.flatten(-2), active, labels=names, points=points)
+
+
+@goal(unit="m", kernel="squared", reduction="mean", scale=1e4, tolerance=0.02)
+def bone_length(motion: Motion, context: Context, *, slack: NotNegative = 0.005) -> Masked:
+    """Keep bones as long as the skeleton's.
+
+    Residual: how much longer (positive) or shorter a bone is than at rest, m, beyond `slack`. The 263 features state
+    joint positions freely, so that a goal out of reach would be met by stretching limbs (MSCoT Fig. 10).
+
+    Args:
+        slack: difference that is free, m; a decoder's own is a few millimetres.
+    """
+    parents, children = (list(side) for side in zip(*motion.skeleton.bones, strict=True))
+    lengths = length(motion.joints[..., children, :] - motion.joints[..., parents, :])
+    rest = lengths.new_tensor(motion.skeleton.bone_lengths)[children]
+    names = [motion.skeleton.names[child] for child in children]
+    excess = beyond((lengths - rest)[..., None], slack).squeeze(-1)
+    return Masked(excess, labels=names, points=motion.joints[..., children, :])
+
+
+@goal(unit="rad", kernel="squared", reduction="mean", scale=10.0, tolerance=0.1)
+def joint_limits(
+    motion: Motion,
+    context: Context,
+    *,
+    knee: Positive = 2.7,
+    elbow: Positive = 2.88,
+    backwards: NotNegative = 0.26,
+) -> Masked:
+    """Keep knees and elbows from bending further than joints go, and knees from bending backwards.
+
+    Residual: flexion beyond the limit, rad; 0 is a straight limb. The limits are the American Academy of Orthopaedic
+    Surgeons' (135 degrees for knees, 150 for elbows), widened by the 15 to 20 degrees that recorded people need.
+
+    Args:
+        knee: its largest flexion, rad.
+        elbow: its largest flexion, rad.
+        backwards: how far a knee may point backwards, rad.
+    """
+    forward = _forward(motion)
+    labels = [f"{side}_{name}" for name in ("knee", "elbow") for side in ("left", "right")]
+    excess = []
+    for side in ("left", "right"):
+        angle, aside = _flexion(motion, (f"{side}_hip", f"{side}_knee", f"{side}_ankle"))
+        along = (aside * forward).sum(-1)
+        # Legs turned outwards point a little backwards at times; only what lies in the leg's own plane counts.
+        wrong = (along < 0) & (along.abs() > 0.7 * length(aside) * length(forward))
+        excess.append((angle - torch.where(wrong, backwards, knee)).clamp_min(0.0))
+    for side in ("left", "right"):
+        angle, _ = _flexion(motion, (f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"))
+        excess.append((angle - elbow).clamp_min(0.0))
+    return Masked(torch.stack(excess, dim=-1), labels=labels, points=motion.select(labels))
+
+
+def _forward(motion: Motion) -> Float[Tensor, "*b T 3"]:
+    """Where the pelvis faces: up its own spine x its own left, so that lying people have a front as well."""
+    left = motion.joint("left_hip") - motion.joint("right_hip")
+    return torch.linalg.cross(left, motion.joint("spine1") - motion.joint("pelvis"))
+
+
+def _flexion(motion: Motion, names: tuple[str, str, str]) -> tuple[Float[Tensor, "*b T"], Float[Tensor, "*b T 3"]]:
+    """Angle (rad) between the two bones at the middle joint, and where that joint points."""
+    a, b, c = (motion.joint(name) for name in names)
+    upper, lower = b - a, c - b
+    angle = torch.atan2(length(torch.linalg.cross(upper, lower)), (upper * lower).sum(-1))
+    return angle, b - (a + c) / 2

@@ -23,7 +23,7 @@ from scenes.motion import Motion
 _SOFT = 0.02
 
 
-@goal(unit="m", kernel="squared", reduction="mean", scale=100.0, tolerance=0.1)
+@goal(unit="m", kernel="squared", reduction="mean", scale=100.0, tolerance=0.1, pulls=True)
 def follow_path(
     motion: Motion,
     context: Context,

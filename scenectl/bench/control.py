@@ -227,7 +227,7 @@ def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell:
 
     def ascent(step: float) -> Way:
         endless = SolverSettings(
-            name="gradient", iterations=PAPER_STEPS, step=step, prior=0.0, patience=PAPER_STEPS + 1
+            name="gradient", iterations=PAPER_STEPS, step=step, prior=0.0, patience=PAPER_STEPS + 1, natural=False
         )
         return solved(endless, 0.0)
 
@@ -239,8 +239,8 @@ def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell:
     ways: dict[str, Way] = {
         "paper": ascent(PAPER_STEP),
         "controlmm": controlmm,
-        "adam": solved(SolverSettings(name="adam", iterations=PAPER_STEPS)),
-        "lbfgs": solved(SolverSettings(name="lbfgs", iterations=PAPER_STEPS)),
+        "adam": solved(SolverSettings(name="adam", iterations=PAPER_STEPS, natural=False)),
+        "lbfgs": solved(SolverSettings(name="lbfgs", iterations=PAPER_STEPS, natural=False)),
         "scenectl": solved(SolverSettings()),
     }
     if "paper-best-step" in methods:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives import Context, Objective
-from scenectl.control.problem import Problem, Solution
+from scenectl.control.natural import Natural, approach, finish
+from scenectl.control.problem import Problem, Reason, Solution
 from scenectl.control.residuals import Residuals
 from scenectl.control.settings import GuidanceSettings, SolverSettings
 from scenectl.control.solvers import minimise
@@ -48,14 +51,68 @@ class ObjectiveGuide:
         return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
 
     def refine(self, step: Step) -> Float[Tensor, "S *v"]:
-        """Minimise the objective's cost from the step's value (Eq. 12)."""
+        """Minimise the objective's cost from the step's value (Eq. 12), as far as a body bears it.
+
+        Where that stretched bones or lifted feet that stood, an approach that minds them begins anew, and the goals
+        are solved for from there, as far as a body bears it (`scenectl.control.natural`).
+        """
         if self.solver.iterations == 0:
             return step.value.detach()
-        shape, start = step.value.shape, step.value.detach().flatten(1)
-        passes = 0
+        tell = self._pass_counter()
+        self.solution = self._solved(step, step.value, self.objective, self.solver, tell)
+        refined = self.solution.value.view_as(step.value)
+        if not self.solver.natural:
+            return refined
+        natural = Natural(self.objective, step.motion, self.context)
+        strained = natural.strained(step.at(refined).motion)
+        if not strained.any():
+            return refined
+        gentle = self._solved(step, step.value, natural, approach(self.solver), tell)
+        self.solution.replace(gentle, strained, "strained")
+        stages: list[tuple[Objective, Reason | None]] = [(natural.without_outliers, "strained"), (self.objective, None)]
+        for goals, reason in stages:
+            ended = self._solved(step, gentle.value.view_as(step.value), goals, finish(self.solver), tell)
+            bears = ~natural.strained(step.at(ended.value.view_as(step.value)).motion)
+            self.solution.replace(ended, strained & bears, reason)
+        return self.solution.value.view_as(step.value)
+
+    def _solved(
+        self,
+        step: Step,
+        start: Float[Tensor, "S *v"],
+        goals: Objective | Natural,
+        settings: SolverSettings,
+        tell: Callable[[], None],
+    ) -> Solution:
+        """The least cost of goals, and of the distance from `start`, near it."""
+        begin = start.detach().flatten(1)
 
         def value(x: Tensor) -> Tensor:
-            return x.unflatten(1, shape[1:])
+            return x.view_as(step.value)
+
+        def cost(x: Tensor) -> Tensor:
+            tell()
+            away = (x - begin).square().sum(1)
+            return goals.cost(step.decode(value(x)), self.context) + settings.prior * away
+
+        def linearise(x: Tensor) -> Residuals:
+            tell()
+            return Residuals(goals, self.context, step.at(value(x)))
+
+        def done(x: Tensor) -> Tensor:
+            with torch.no_grad():
+                return goals.met(step.decode(value(x)), self.context)
+
+        return minimise(Problem(cost, begin, done, linearise), settings)
+
+    @torch.no_grad()
+    def met(self, step: Step, value: Float[Tensor, "S *v"]) -> Bool[Tensor, " S"]:
+        """Which samples have every term within its tolerance."""
+        return self.objective.met(step.decode(value), self.context)
+
+    def _pass_counter(self) -> Callable[[], None]:
+        """What counts a pass, and says to whoever follows the progress which share of a usual number was made."""
+        passes = 0
 
         def tell() -> None:
             nonlocal passes
@@ -63,20 +120,4 @@ class ObjectiveGuide:
             if self.progress is not None:
                 self.progress("refinement", min(passes / (1.25 * self.solver.iterations), 1.0))
 
-        def cost(x: Tensor) -> Tensor:
-            tell()
-            goals = self.objective.cost(step.decode(value(x)), self.context)
-            return goals + self.solver.prior * (x - start).square().sum(1)
-
-        def linearise(x: Tensor) -> Residuals:
-            tell()
-            return Residuals(self.objective, self.context, step.at(value(x)))
-
-        problem = Problem(cost, start, lambda x: self.met(step, value(x)), linearise)
-        self.solution = minimise(problem, self.solver)
-        return value(self.solution.value)
-
-    @torch.no_grad()
-    def met(self, step: Step, value: Float[Tensor, "S *v"]) -> Bool[Tensor, " S"]:
-        """Which samples have every term within its tolerance."""
-        return self.objective.met(step.decode(value), self.context)
+        return tell

@@ -44,7 +44,7 @@ def levenberg_marquardt(search: Search) -> None:
     """Dual steps; a Jacobian is kept for as long as steps with it go well."""
     x = search.start
     value, at = search.linearise(x)
-    search.accept(x, value)
+    search.accept(x, value, at.met)
     r, (rows, jacobian) = at.rows, _active(at)
     damping = _Damping(_FIRST_DAMPING * jacobian.square().sum(-1).mean(-1).nan_to_num(0.0))
     stale = torch.zeros_like(search.active)
@@ -57,7 +57,7 @@ def levenberg_marquardt(search: Search) -> None:
         better = trial_value < value
         gain = (value - trial_value) / _foretold(r[:, rows], jacobian, search, x, step).clamp_min(1e-12)
         damping.update(gain, better, search.active & (better | ~stale))
-        search.accept(trial, trial_value)
+        search.accept(trial, trial_value, trial_at.met)
         failed = search.active & stale & ~better  # the old Jacobian is to blame, and not the damping
         good = better & (trial_value <= _GOOD * value)
         r = torch.where(better[:, None], trial_at.rows, r)
@@ -115,7 +115,7 @@ def gauss_newton(search: Search) -> None:
     """Steps by conjugate gradients on the normal equations, truncated (Nocedal and Wright, algorithm 7.1)."""
     x = search.start
     value, at = search.linearise(x)
-    search.accept(x, value)
+    search.accept(x, value, at.met)
     damping = _Damping(_FIRST_DAMPING * at.rows.square().mean(1))
     for _ in range(search.settings.iterations):
         if not search.active.any():
@@ -125,7 +125,7 @@ def gauss_newton(search: Search) -> None:
         trial_value, trial_at = search.linearise(trial)
         better = trial_value < value
         damping.update((value - trial_value) / foretold.clamp_min(1e-12), better, search.active)
-        search.accept(trial, trial_value)
+        search.accept(trial, trial_value, trial_at.met)
         x, value = torch.where(better[:, None], trial, x), torch.where(better, trial_value, value)
         if better.any():
             at = trial_at if bool((better | ~search.active).all()) else search.linearise(x)[1]

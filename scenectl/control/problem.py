@@ -16,8 +16,9 @@ from scenectl.control.settings import SolverSettings
 Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
 """Costs of a batch of points, differentiable, each depending on its own point alone."""
 
-Reason = Literal["met", "no progress", "budget"]
-"""Why a search ended: every term within its tolerance, nothing more to gain, or all steps spent."""
+Reason = Literal["met", "no progress", "budget", "strained"]
+"""Why a search ended: every term within its tolerance, nothing more to gain, all steps spent, or a body that could bear
+no more (`scenectl.control.natural`)."""
 
 
 @runtime_checkable
@@ -36,6 +37,11 @@ class Linearisation(Protocol):
         """Of the goals, without the prior."""
         ...
 
+    @property
+    def met(self) -> Bool[Tensor, " S"]:
+        """Which samples have every goal within its tolerance."""
+        ...
+
     def jvp(self, tangent: Float[Tensor, "S n"]) -> Float[Tensor, "S R"]: ...
 
     def vjp(self, cotangent: Float[Tensor, "S R"]) -> Float[Tensor, "S n"]: ...
@@ -52,7 +58,7 @@ class Problem:
     Attributes:
         cost: goals and prior.
         start: where to begin, ``[S, n]``; the prior pulls towards it.
-        done: says of a batch of points which are good enough to stop at.
+        done: says of a batch of points which are good enough to stop at; a `Linearisation` knows it of its own.
         linearise: the goals as least squares at a batch of points; without it only `cost` can be followed.
     """
 
@@ -87,6 +93,18 @@ class Solution:
     evaluations: int = 0
     history: list[Tensor] = field(default_factory=list)
 
+    def replace(self, other: Solution, which: Bool[Tensor, " S"], reason: Reason | None = None) -> None:
+        """Take over some samples of another search; its passes count whichever they are."""
+        self.value = torch.where(which[:, None], other.value, self.value)
+        self.cost = torch.where(which, other.cost, self.cost)
+        for i in which.nonzero()[:, 0].tolist():
+            self.reasons[i] = reason or other.reasons[i]
+        self.evaluations += other.evaluations
+
+
+_ASK_EVERY = 5
+"""Steps after which a problem is asked whether all is met."""
+
 
 class Search:
     """One solver at work on one problem.
@@ -96,17 +114,10 @@ class Search:
         solution: the best so far.
     """
 
-    def __init__(self, problem: Problem, settings: SolverSettings, name: str, ask_every: int = 5) -> None:
-        """Begin.
-
-        Args:
-            problem: what to solve.
-            settings: patience, budget.
-            name: of the solver.
-            ask_every: steps after which `done` is asked again; it costs a decoding.
-        """
+    def __init__(self, problem: Problem, settings: SolverSettings, name: str) -> None:
+        """Begin to solve `problem`, under the name of a solver."""
         start = problem.start.detach()
-        self.problem, self.settings, self.start, self.ask_every = problem, settings, start, ask_every
+        self.problem, self.settings, self.start = problem, settings, start
         worst = torch.full_like(start[:, 0], torch.inf)
         self.solution = Solution(name, start.clone(), worst, ["budget"] * len(start))
         self.idle = torch.zeros(len(start), dtype=torch.long)
@@ -131,8 +142,11 @@ class Search:
         value = found.cost + self.settings.prior * (x - self.start).square().sum(1)
         return torch.where(value.isfinite(), value, torch.full_like(value, torch.inf)).detach(), found
 
-    def accept(self, x: Tensor, value: Tensor) -> None:
-        """Remember points that are better than any before, and retire samples that are done or stuck."""
+    def accept(self, x: Tensor, value: Tensor, met: Bool[Tensor, " S"] | None = None) -> None:
+        """Remember points that are better than any before, and retire samples that are done or stuck.
+
+        Where it is not known which points are `met`, the problem is asked now and then, as that costs a decoding.
+        """
         best = self.solution.cost
         worthwhile = value < best - self.settings.progress * best.abs().nan_to_num(posinf=0.0)
         better = value < best
@@ -141,7 +155,9 @@ class Search:
         self.solution.history.append(self.solution.cost.clone())
         self.idle = torch.where(worthwhile | best.isinf(), torch.zeros_like(self.idle), self.idle + 1)
         self._retire(self.idle >= self.settings.patience, "no progress")
-        if len(self.solution.history) % self.ask_every == 0:
+        if met is not None:
+            self._retire(better & met, "met")
+        elif len(self.solution.history) % _ASK_EVERY == 0:
             self._retire(self.problem.done(self.solution.value), "met")
 
     def _retire(self, which: Bool[Tensor, " S"], reason: Reason) -> None:

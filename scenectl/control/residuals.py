@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from objectives import Context, Objective
+from objectives import Assessed, Context
 from scenectl.generators.base import Step
+from scenes.motion import Motion
+
+
+@runtime_checkable
+class Assessable(Protocol):
+    """What an objective and all that stands in for one can be asked."""
+
+    def assess(self, motion: Motion, context: Context) -> Assessed: ...
 
 
 class Residuals:
@@ -19,17 +28,15 @@ class Residuals:
     Goals are differentiated in the joints, by autograd; from there on the step's own products lead to its value.
     """
 
-    def __init__(self, objective: Objective, context: Context, step: Step) -> None:
+    def __init__(self, objective: Assessable, context: Context, step: Step) -> None:
         self._step, self._shape = step, step.value.shape
         motion = step.motion
         self._joints = motion.joints.detach().requires_grad_(True)
         seen = replace(motion, joints=self._joints)
         with torch.enable_grad():
-            blocks = [block.flatten(1) for block in objective.residuals(seen, context)]
-            self._rows = torch.cat(blocks, dim=1)
-        with torch.no_grad():
-            self.cost = objective.cost(seen, context)
-        self.rows = self._rows.detach()
+            found = objective.assess(seen, context)
+            self._rows = torch.cat([block.flatten(1) for block in found.rows], dim=1)
+        self.rows, self.cost, self.met = self._rows.detach(), found.cost, found.met
 
     def vjp(self, cotangent: Float[Tensor, "S R"]) -> Float[Tensor, "S n"]:
         return self._step.vjp(self._joint_gradient(cotangent)).flatten(1)

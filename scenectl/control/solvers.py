@@ -15,22 +15,20 @@ Name = Literal["gradient", "adam", "lbfgs", "lm", "gauss_newton"]
 FEW_ROWS = 48
 """Rows up to which a system of their own size, and a backward pass for each, is cheaper than products with J."""
 
-_SOLVERS: dict[str, tuple[Callable[[Search], None], int]] = {
-    # name: (solver, steps between looks at whether all is met)
-    "gradient": (gradient_ascent, 5),
-    "adam": (adam, 5),
-    "lbfgs": (lbfgs, 5),
-    "lm": (levenberg_marquardt, 1),
-    "gauss_newton": (gauss_newton, 1),
+_SOLVERS: dict[str, Callable[[Search], None]] = {
+    "gradient": gradient_ascent,
+    "adam": adam,
+    "lbfgs": lbfgs,
+    "lm": levenberg_marquardt,
+    "gauss_newton": gauss_newton,
 }
 
 
 def minimise(problem: Problem, settings: SolverSettings) -> Solution:
     """Minimise each sample's cost from the problem's start, by the solver of the settings or by the fitting one."""
     name = choose(problem) if settings.name == "auto" else settings.name
-    solver, ask_every = _SOLVERS[name]
-    search = Search(problem, settings, name, ask_every)
-    solver(search)
+    search = Search(problem, settings, name)
+    _SOLVERS[name](search)
     return search.solution
 
 

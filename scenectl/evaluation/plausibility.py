@@ -10,17 +10,17 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from objectives import Context
+from objectives.library.natural import joint_limits
 from scenectl.metrics import bone_length_drift, max_acceleration, skating_ratio
 from scenes.body import DEFAULT_BODY, ProxyBody
 from scenes.motion import Motion
+from scenes.scene import Scene
 
 AIRBORNE = 0.1
 """Height (m) of both feet over their lowest from which on a person is in the air."""
 FLIGHT = 0.7
 """Seconds in the air that no jump on level ground lasts: a flight of 0.7 s rises 60 cm."""
-KNEE, ELBOW = (-15.0, 155.0), (-15.0, 165.0)
-"""Flexion (degrees): the American Academy of Orthopaedic Surgeons' 0 to 135 (knee) and 0 to 150 (elbow), widened."""
-
 NEIGHBOURLY = 0.03
 """Gap (m) at rest below which two parts of the body are neighbours and may touch."""
 
@@ -82,33 +82,8 @@ def _in_long_runs(flags: Bool[Tensor, "*b T"], longest: int) -> Bool[Tensor, "*b
 
 def joint_limit_share(motion: Motion) -> Float[Tensor, "*b"]:
     """Share of valid frames in which a knee or an elbow is bent further, or further backwards, than joints go."""
-    wrong = torch.zeros_like(motion.valid)
-    forward = _forward(motion)
-    for side in ("left", "right"):
-        knee = _flexion(motion, (f"{side}_hip", f"{side}_knee", f"{side}_ankle"), forward)
-        elbow = _flexion(motion, (f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"), None)
-        wrong = wrong | (knee < KNEE[0]) | (knee > KNEE[1]) | (elbow > ELBOW[1])
+    wrong = (joint_limits(motion, Context(Scene.empty(), DEFAULT_BODY)).residual > 0).any(-1)
     return (wrong & motion.valid).sum(-1) / motion.valid.sum(-1).clamp_min(1)
-
-
-def _forward(motion: Motion) -> Float[Tensor, "*b T 3"]:
-    """Where the pelvis faces: up its own spine x its own left, so that lying people have a front as well."""
-    left = motion.joint("left_hip") - motion.joint("right_hip")
-    return torch.linalg.cross(left, motion.joint("spine1") - motion.joint("pelvis"))
-
-
-def _flexion(motion: Motion, names: tuple[str, str, str], forward: Tensor | None) -> Float[Tensor, "*b T"]:
-    """Angle (degrees) between the two bones at the middle joint; negative where a knee points backwards."""
-    a, b, c = (motion.joint(name) for name in names)
-    upper, lower = b - a, c - b
-    angle = torch.atan2(torch.linalg.cross(upper, lower).norm(dim=-1), (upper * lower).sum(-1)).rad2deg()
-    if forward is None:
-        return angle
-    aside = b - (a + c) / 2
-    backwards = (aside * forward).sum(-1) < 0
-    # Legs turned outwards point a little backwards at times; only what lies in the leg's own plane counts.
-    facing = (aside * forward).sum(-1).abs() > 0.7 * aside.norm(dim=-1) * forward.norm(dim=-1)
-    return torch.where(backwards & facing, -angle, angle)
 
 
 def self_penetration(motion: Motion, body: ProxyBody = DEFAULT_BODY) -> Float[Tensor, "*b"]:

@@ -151,6 +151,8 @@ EXAMPLES: dict[str, list[Example]] = {
     ],
     "foot_skating": [lambda s: {"height": 0.06}],
     "smoothness": [lambda s: {"limit": 5.0, "joints": ["head", "left_wrist"]}],
+    "bone_length": [lambda s: {"slack": 0.003}],
+    "joint_limits": [lambda s: {"knee": 0.1, "elbow": 0.1, "backwards": 0.05}],
 }
 
 # Parameters under which a person standing at rest at the origin (lowest joint at y = 0.02) meets the goal exactly.
@@ -168,4 +170,6 @@ SATISFIED: dict[str, dict[str, Any]] = {
     "follow_path": {"path": [[0, 0], [0, 1]], "half_width": 0.3},
     "foot_skating": {"allowed": 0.0},
     "smoothness": {"limit": 0.0},
+    "bone_length": {"slack": 1e-6},
+    "joint_limits": {"knee": 0.5},
 }

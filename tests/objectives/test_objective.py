@@ -46,6 +46,8 @@ def test_kernels_and_reductions(given: Any) -> None:
     assert cost(motion, kernel="linear") == pytest.approx(0.05 + 0.7 + 2)
     huber = 0.0025 + (2 * 0.1 * 0.3 - 0.01) + (2 * 0.1 * 0.4 - 0.01) + (2 * 0.1 * 2 - 0.01)
     assert cost(motion, kernel="huber", delta=0.1) == pytest.approx(huber)
+    saturated = sum(0.01 * r**2 / (0.01 + r**2) for r in (0.05, 0.3, 0.4, 2.0))
+    assert cost(motion, kernel="geman_mcclure", delta=0.1) == pytest.approx(saturated)
     given.sizes = 2  # now each frame holds one vector
     assert cost(motion, kernel="linear") == pytest.approx(0.05 + 0.5 + 2)
     assert cost(motion, kernel="linear", reduction="mean") == pytest.approx((0.05 + 0.5 + 2) / 4)
@@ -63,6 +65,60 @@ def test_times_and_windows(given: Any) -> None:
     assert cost(motion, window=(1.05, 1.15), reduction="mean") == pytest.approx((4 + 9 + 16) / 3)
     assert cost(motion, window=(1.05, 1.15), at=[1.0, 1.1]) == 9
     assert cost(motion, window=(5, 6), reduction="mean") == 0
+
+
+def test_sometime_is_the_best_of_its_frames(given: Any) -> None:
+    motion = wandering(frames=6, t0=1.0)  # frames at 1.00, 1.05, ... 1.25 s
+    given.rows = torch.tensor([0.0, 3.0, -2.0, 4.0, -9.0, 1.0], dtype=torch.float64)[:, None]
+    assert cost(motion, sometime=(1.05, 1.2)) == 4
+    assert cost(motion, sometime=(1.05, 1.2), kernel="linear", reduction="mean") == 2
+    assert cost(motion, sometime=(0, 9)) == 0
+    assert cost(motion, sometime=(5, 6)) == 0
+    report = Term("given", sometime=(1.05, 1.2)).report(motion, context())[0]
+    assert report.when == pytest.approx(1.1) and report.active_frames == 1
+
+
+def test_sometime_is_every_samples_own_time_and_always_as_many_rows() -> None:
+    motion = wandering(4, frames=20)
+    wanted = motion.joint("head")[torch.arange(4), torch.tensor([3, 8, 12, 3])]
+    for sample in range(4):
+        term = Term("joint_target", {"joint": "head", "position": wanted[sample].tolist()}, sometime=(0.1, 0.7))
+        rows = term.block(motion, context())
+        assert rows.shape == (4, 1, 3)
+        frames = (motion.joint("head") - wanted[sample]).norm(dim=-1)[:, 2:15]  # 0.1 to 0.7 s
+        scale = term.spec.scale
+        torch.testing.assert_close(rows.square().sum((1, 2)), scale * frames.amin(1).square())
+        torch.testing.assert_close(term.cost(motion, context()), scale * frames.amin(1).square())
+        report = term.report(motion, context())
+        assert [r.when for r in report] == pytest.approx([(2 + int(i)) / 20 for i in frames.argmin(1)])
+
+
+def test_sometime_moves_on_where_another_moment_is_better() -> None:
+    """Its gradient is that of the frame chosen, which is that of the least cost over the frames."""
+    motion = wandering(2, frames=20)
+    joints = motion.joints.clone().requires_grad_(True)
+    term = Term("joint_target", {"position": [0.3, 1.0, 0.2]}, sometime=(0.0, 0.9))
+    (gradient,) = torch.autograd.grad(term.cost(replace(motion, joints=joints), context()).sum(), joints)
+    least = (joints[:, :19, 0] - joints.new_tensor([0.3, 1.0, 0.2])).square().sum(-1).amin(1) * term.spec.scale
+    (expected,) = torch.autograd.grad(least.sum(), joints)
+    torch.testing.assert_close(gradient, expected)
+
+
+def test_an_assessment_is_its_parts() -> None:
+    motion, world = wandering(3), context()
+    objective = Objective((
+        Term("sdf_penetration", weight=10),
+        Term("joint_target", {"position": motion.joints[1, 6, 0].tolist()}, tolerance=0.01, at=0.3),
+        Term("joint_target", {"position": [0, 1, 0]}, kernel="huber", sometime=(0.1, 0.5), tolerance=9.0),
+        Term("barrier", weight=0),
+    ))  # fmt: skip
+    found = objective.assess(motion, world)
+    torch.testing.assert_close(found.cost, objective.cost(motion, world))
+    assert torch.equal(found.met, objective.met(motion, world))
+    for rows, expected in zip(found.rows, objective.residuals(motion, world), strict=True):
+        torch.testing.assert_close(rows, expected)
+    empty = Objective().assess(motion, world)
+    assert empty.rows == [] and empty.met.all() and not empty.cost.any()
 
 
 def test_means_count_valid_frames_only(given: Any) -> None:
@@ -137,6 +193,7 @@ LINE = {"kind": "line", "start": [0, 1, 0], "end": [1, 1, 1], "times": [0, 3]}
     [
         ({"use": "joint_target", "position": [0, 1, 0], "at": 9}, "goal 'joint_target': time 9 s lies outside"),
         ({"use": "head_height", "height": 1, "at": [1, -2]}, "goal 'head_height': time -2 s lies outside"),
+        ({"use": "smoothness", "sometime": [7, 8]}, r"goal 'smoothness': sometime \[7.0, 8.0\] s does not touch"),
         ({"use": "smoothness", "window": [7, 8]}, r"goal 'smoothness': window \[7.0, 8.0\] s does not touch"),
         ({"use": "sdf_penetration", "exempt_windows": [[8, 9]]}, "goal 'sdf_penetration': window"),
         ({"use": "joint_target", "track": LINE}, None),

@@ -66,9 +66,14 @@ def test_a_goal_in_ten_lines() -> None:
         ({"x": 1, "weight": "much"}, "goal 'keep_below_x': 'weight' must be a number, not 'much'"),
         (
             {"x": 1, "kernel": "cubic"},
-            "goal 'keep_below_x': 'kernel' must be 'squared', 'linear' or 'huber', not 'cubic'",
+            "goal 'keep_below_x': 'kernel' must be 'squared', 'linear', 'huber' or 'geman_mcclure', not 'cubic'",
         ),
         ({"x": 1, "window": [2, 1]}, "goal 'keep_below_x': 'window' must be [begin, end], not [2.0, 1.0]"),
+        ({"x": 1, "sometime": [2, 1]}, "goal 'keep_below_x': 'sometime' must be [begin, end], not [2.0, 1.0]"),
+        (
+            {"x": 1, "sometime": [1, 2], "at": 1},
+            "goal 'keep_below_x': 'sometime' finds the time itself; leave out 'at' and 'window'",
+        ),
         ({"x": 1, "window": 3}, "goal 'keep_below_x': 'window' must be [number, number], not 3"),
         (
             {"x": 1, "name": "wall", "weights": [1], "at": [1, 2]},

@@ -28,7 +28,7 @@ def test_every_goal_has_an_example_and_documentation() -> None:
         assert all(p.doc for p in spec.parameters.values()), spec.name
 
 
-@pytest.mark.parametrize("kernel", [None, "squared", "linear", "huber"])
+@pytest.mark.parametrize("kernel", [None, "squared", "linear", "huber", "geman_mcclure"])
 @pytest.mark.parametrize(("name", "example"), CASES)
 def test_gradient(name: str, example: Any, kernel: str | None) -> None:
     """The example has a residual, and autograd agrees with central differences along random directions."""
@@ -46,7 +46,7 @@ def test_gradient(name: str, example: Any, kernel: str | None) -> None:
 
 
 @pytest.mark.parametrize("name", SATISFIED)
-@pytest.mark.parametrize("kernel", ["squared", "linear", "huber"])
+@pytest.mark.parametrize("kernel", ["squared", "linear", "huber", "geman_mcclure"])
 def test_satisfied_exactly(name: str, kernel: str) -> None:
     """Zero cost, a finite (zero) gradient, and met."""
     joints, world = standing(9) + torch.tensor([0, 0.02, 0], dtype=torch.float64), context(x=2.0)
@@ -120,7 +120,7 @@ def test_kernels_are_zero_with_the_residual_only(name: str, example: Any) -> Non
         assert torch.equal(cost > 0, (residual != 0).flatten(1).any(1))
 
 
-@pytest.mark.parametrize("kernel", ["squared", "linear", "huber"])
+@pytest.mark.parametrize("kernel", ["squared", "linear", "huber", "geman_mcclure"])
 @pytest.mark.parametrize(("name", "example"), CASES)
 def test_rows_for_least_squares(name: str, example: Any, kernel: str) -> None:
     """Squared: the squares sum to the cost. All: their gradient is the cost's."""

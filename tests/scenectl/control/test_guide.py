@@ -37,8 +37,9 @@ def step(samples: int = 2, finest: int = 6, exact: bool = False) -> DecodedStep:
 
 
 def guide(**settings: object) -> ObjectiveGuide:
+    """Goals alone: random networks have no body to mind."""
     scale = settings.pop("scale", 1.0)
-    solver = SolverSettings.model_validate(settings)
+    solver = SolverSettings.model_validate({"natural": False, **settings})
     return ObjectiveGuide(GOALS, context(), solver, GuidanceSettings(scale=scale))
 
 

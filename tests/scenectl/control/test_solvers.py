@@ -30,8 +30,8 @@ Rows = Callable[[Tensor], Tensor]
 class Dense:
     """Residuals at a point, differentiated by torch."""
 
-    def __init__(self, residual: Rows, x: Tensor) -> None:
-        self.residual, self.x = residual, x
+    def __init__(self, residual: Rows, x: Tensor, done: Callable[[Tensor], Tensor] = never) -> None:
+        self.residual, self.x, self.met = residual, x, done(x)
         self.rows = residual(x)
         self.cost = self.rows.square().sum(1)
 
@@ -63,7 +63,7 @@ def solve(
     def cost(x: Tensor) -> Tensor:
         return residual(x).square().sum(1) + given.prior * (x - start).square().sum(1)
 
-    return minimise(Problem(cost, start, done, lambda x: Dense(residual, x)), given)
+    return minimise(Problem(cost, start, done, lambda x: Dense(residual, x, done)), given)
 
 
 def cost_of(residual: Rows, x: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ from scenectl.task import Task
 from scenectl.text import TextFeatures
 from scenectl.training.command import train
 from scenectl.training.dataset import prepare
-from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
+from scenectl.training.losses import ReconstructionWeights, _amplitudes, reconstruction_loss
 from scenectl.training.recipe import Recipe, load_recipe
 from scenectl.training.tokenizer import _kept_scales, reconstruction_error
 from scenectl.training.transformer import Captions, _corrupted
@@ -279,6 +279,7 @@ def test_the_reconstruction_loss_is_its_terms() -> None:
         "velocities": (difference[:, 1:] - difference[:, :-1]).abs().mean(),
         "lift": feet[..., 1].abs().mean(),
         "peaks": (difference[0, 2:] - 2 * difference[0, 1:-1] + difference[0, :-2]).norm(dim=-1).max(),
+        "amplitudes": 2 / 16 * (spectra(got) - spectra(wanted)).abs().sum(-2).mean(),
         "contacts": sliding(features_to_joints(got)[:, :, [7, 10, 8, 11]], wanted[..., 259:263] > 0.5),
     }
     silent = dict.fromkeys(terms, 0.0)
@@ -288,6 +289,28 @@ def test_the_reconstruction_loss_is_its_terms() -> None:
         torch.testing.assert_close(error, difference.norm(dim=-1).mean())
     perfect, error = reconstruction_loss(wanted, wanted, std, ReconstructionWeights())
     assert float(perfect) == 0.0 and float(error) == 0.0
+
+
+def spectra(features: torch.Tensor) -> torch.Tensor:
+    """Moduli, never quite zero, of all coordinates' Fourier components about the pelvis, window by window."""
+    joints = features_to_joints(features)
+    tracks = (joints - joints[:, :, :1])[0].flatten(1)
+    window = torch.hann_window(32, dtype=tracks.dtype)[:, None]
+    pieces = [torch.fft.rfft(tracks[t : t + 32] * window, dim=0)[1:] for t in range(0, len(tracks) - 31, 8)]
+    return (torch.stack(pieces).abs().square() + 1e-8).sqrt()
+
+
+def test_amplitudes_care_for_how_much_a_joint_moves_and_not_for_when() -> None:
+    """A wave half a period late costs nothing; one that is averaged away costs its amplitude."""
+    time = torch.arange(64, dtype=torch.float64)
+    wave = 0.1 * torch.sin(2 * torch.pi * time / 8)
+    still = torch.zeros(1, 64, 22, 3, dtype=torch.float64)
+    waving, late = still.clone(), still.clone()
+    waving[0, :, 21, 0], late[0, :, 21, 0] = wave, -wave
+    assert float((_amplitudes(waving) - _amplitudes(late)).abs().max()) < 1e-12
+    assert float((_amplitudes(waving) - _amplitudes(still)).amax()) == pytest.approx(0.1, abs=2e-4)
+    (gradient,) = torch.autograd.grad(_amplitudes(still.requires_grad_(True)).sum(), still)
+    assert bool(gradient.isfinite().all())
 
 
 def sliding(feet: torch.Tensor, stands: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,132 @@
+"""Keeping a body a body where goals can't be met: without this, targets out of reach stretch limbs and lift feet.
+
+The paper's failure cases (its Fig. 10) come from solving harder than a body can. Where a search ended in a strained
+body, refinement begins again from the generator's own value with three things changed: goals that pull (targets) pull
+no harder however far they are (Huber); bones, joint limits, jerks and skating have a cost; feet that stood stay down.
+From there the goals are solved for once more, with all targets, or else without those that are still far off (Geman
+and McClure's kernel), whichever a body bears.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from objectives import Assessed, Context, Objective, Term, get_goal
+from scenectl.control.settings import SolverSettings
+from scenes.motion import Motion
+
+STRETCH, TORN = 0.005, 0.02
+"""Metres by which bones may be further from their lengths than before: in the mean, and in that of any one frame."""
+LIFT = 0.03
+"""Metres by which a foot that stood may be lifted."""
+_STANDING, _STILL = 0.05, 0.02
+"""A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
+_DELTA = {"huber": 0.05, "geman_mcclure": 0.1}
+"""Metres beyond which a target pulls no harder, and beyond which it pulls less and less."""
+_APPROACH, _FINISH = 40, 20
+"""Iterations at most of the approach, and of what is solved for from there."""
+_FEET = ("left_foot", "right_foot")
+_BODY = (
+    Term("bone_length", weight=60.0),
+    Term("joint_limits", weight=20.0),
+    Term("smoothness", weight=20.0),
+    Term("foot_skating", weight=1.0),
+)
+_FOOT = 2e3
+"""Cost per squared metre by which a standing foot is lifted, each frame."""
+
+
+class Natural:
+    """What a body may not do for a goal's sake, beside the motion that a generator made of itself.
+
+    Attributes:
+        objective: the goals, with those that pull held back, and a cost on bones, joint limits, jerks and skating.
+        without_outliers: the goals, of which those that pull let go of what is far off.
+    """
+
+    def __init__(self, objective: Objective, before: Motion, context: Context) -> None:
+        self.objective = Objective((*_with_kernel(objective, "huber"), *_BODY))
+        self.without_outliers = Objective(_with_kernel(objective, "geman_mcclure"))
+        self._goals = objective
+        self._feet = before.select(_FEET)
+        height = context.scene.distance(self._feet, before.times[:, None]) - context.body.sole_offset
+        moved = torch.nn.functional.pad(self._feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
+        free = torch.tensor([foot not in _asked(objective) for foot in _FEET])
+        self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
+        self._stretched = bone_errors(before)
+
+    @torch.no_grad()
+    def strained(self, after: Motion) -> Bool[Tensor, " S"]:
+        """Samples with longer or shorter bones than before, or with a foot in the air that stood.
+
+        A foot that a goal asks for may be lifted.
+        """
+        now, before = bone_errors(after), self._stretched
+        longer = (now.mean(-1) > before.mean(-1) + STRETCH) | (now.amax(-1) > before.amax(-1) + TORN)
+        return longer | (self.lift(after) > LIFT)
+
+    def lift(self, after: Motion) -> Float[Tensor, " S"]:
+        """The most (m) by which a foot that stood before is higher now."""
+        up = after.select(_FEET)[..., 1] - self._feet[..., 1]
+        return (up * self._stands).amax((-2, -1))
+
+    def met(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:
+        """Which samples have every goal met by a body that isn't strained."""
+        return self._goals.met(motion, context) & ~self.strained(motion)
+
+    def cost(self, motion: Motion, context: Context) -> Float[Tensor, " S"]:
+        """Of goals and body; differentiable in the motion's joints."""
+        return self.objective.cost(motion, context) + self._footing(motion).square().sum((-2, -1))
+
+    def assess(self, motion: Motion, context: Context) -> Assessed:
+        """Goals and body as least squares; met where the goals are and the body isn't strained."""
+        found, feet = self.objective.assess(motion, context), self._footing(motion)
+        with torch.no_grad():
+            cost = found.cost + feet.square().sum((-2, -1))
+        return Assessed([*found.rows, feet], cost, self.met(motion, context))
+
+    def _footing(self, motion: Motion) -> Float[Tensor, "S T 2"]:
+        up = (motion.select(_FEET)[..., 1] - self._feet[..., 1]).clamp_min(0.0)
+        return _FOOT**0.5 * up * self._stands
+
+
+def approach(settings: SolverSettings) -> SolverSettings:
+    """For the search with a body's costs: many rows, most of them one-sided."""
+    fewer = min(settings.iterations, _APPROACH)
+    return settings.model_copy(update={"name": "lbfgs", "step": None, "iterations": fewer})
+
+
+def finish(settings: SolverSettings) -> SolverSettings:
+    """For the search without them from where the approach ended, which is short or leads nowhere."""
+    return settings.model_copy(update={"iterations": min(settings.iterations, _FINISH)})
+
+
+def _asked(objective: Objective) -> set[str]:
+    """Joints that goals name."""
+    named: set[str] = set()
+    for term in objective.counted:
+        joint = term.parameters.get("joint", ())
+        named |= {joint} if isinstance(joint, str) else set(joint)
+    return named
+
+
+def _with_kernel(objective: Objective, kernel: str) -> tuple[Term, ...]:
+    """The terms, with another kernel for those that pull the harder the further off a target is."""
+    return tuple(
+        replace(term, kernel=kernel, delta=_DELTA[kernel])
+        if get_goal(term.goal).pulls and (term.kernel or term.spec.kernel) == "squared"
+        else term
+        for term in objective.counted
+    )
+
+
+def bone_errors(motion: Motion) -> Float[Tensor, "*b T"]:
+    """Mean distance (m) of each frame's bones from the skeleton's lengths; 0 in padding."""
+    parents, children = (list(side) for side in zip(*motion.skeleton.bones, strict=True))
+    lengths = (motion.joints[..., children, :] - motion.joints[..., parents, :]).norm(dim=-1)
+    rest = lengths.new_tensor(motion.skeleton.bone_lengths)[children]
+    return (lengths - rest).abs().mean(-1) * motion.valid

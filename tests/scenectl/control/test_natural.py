@@ -1,0 +1,106 @@
+"""A body stays a body: what counts as strained, and what refinement does about it with the weights that ship."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from objectives import Context, Objective, Term, diagnosis
+from scenectl.control import ObjectiveGuide, SolverSettings
+from scenectl.control.natural import Natural, bone_errors
+from scenectl.generators import load_generator
+from scenes.body import DEFAULT_BODY
+from scenes.motion import Motion, Pose2D
+from scenes.scene import Scene
+from scenes.skeleton import HUMANML3D
+from tests.objectives.cases import standing
+
+CONTEXT = Context(Scene.empty(), DEFAULT_BODY)
+HEAD = Objective((Term("joint_target", {"joint": "head", "position": [0.0, 1.5, 0.0]}, at=1.0),))
+
+
+def still(samples: int = 2) -> Motion:
+    """People at rest whose soles are on the floor."""
+    joints = standing(40, samples)
+    joints[..., 1] -= joints[..., 1].min() - DEFAULT_BODY.sole_offset
+    return Motion(joints)
+
+
+def moved(motion: Motion, joint: str, by: list[float], frames: slice, sample: int = 0) -> Motion:
+    joints = motion.joints.clone()
+    joints[sample, frames, HUMANML3D.index(joint)] += joints.new_tensor(by)
+    return replace(motion, joints=joints)
+
+
+def test_a_standing_foot_may_not_be_lifted_unless_a_goal_asks_for_it() -> None:
+    before = still()
+    for height, strained in ((0.02, False), (0.04, True)):
+        after = moved(before, "left_foot", [0.0, height, 0.0], slice(20, 22))
+        assert Natural(HEAD, before, CONTEXT).strained(after).tolist() == [strained, False]
+        assert float(Natural(HEAD, before, CONTEXT).lift(after)[0]) == pytest.approx(height)
+    asked = Objective((Term("joint_target", {"joint": ["head", "left_foot"], "position": [0.0, 1.0, 0.0]}, at=1.0),))
+    assert not Natural(asked, before, CONTEXT).strained(after).any()
+    up = replace(before, joints=before.joints + before.joints.new_tensor([0.0, 0.2, 0.0]))
+    assert not Natural(HEAD, up, CONTEXT).strained(moved(up, "left_foot", [0.0, 0.1, 0.0], slice(20, 22))).any()
+
+
+def stretched(motion: Motion, side: str, by: float, frames: slice) -> Motion:
+    """A forearm of the first sample made longer by so much (m)."""
+    along = motion.joint(f"{side}_wrist")[0, 0] - motion.joint(f"{side}_elbow")[0, 0]
+    return moved(motion, f"{side}_wrist", (by * along / along.norm()).tolist(), frames)
+
+
+def test_bones_may_be_as_wrong_as_they_were_and_hardly_more() -> None:
+    before = stretched(still(), "left", 0.06, slice(0, 40))
+    natural, once, always = Natural(HEAD, before, CONTEXT), slice(5, 6), slice(0, 40)
+    assert not natural.strained(before).any()
+    for by, frames, expected in ((0.4, once, False), (0.45, once, True), (0.1, always, False), (0.11, always, True)):
+        assert natural.strained(stretched(before, "right", by, frames)).tolist() == [expected, False]  # over 21 bones
+
+
+def test_bone_errors_are_means_over_bones_and_none_in_padding() -> None:
+    motion = stretched(still(1), "left", 0.21, slice(3, 5))
+    valid = torch.ones(1, 40, dtype=torch.bool)
+    valid[0, 4:] = False
+    got = bone_errors(replace(motion, valid=valid))[0]
+    assert got[:3].max() < 1e-6 and float(got[3]) == pytest.approx(0.01) and not got[4:].any()
+
+
+def test_goals_that_pull_do_so_no_harder_from_afar_and_walls_as_ever() -> None:
+    terms = (Term("joint_target", {"position": [9.0, 1.0, 0.0]}, at=1.0), Term("sdf_penetration", kernel="squared"))
+    held = Natural(Objective(terms), still(), CONTEXT).objective.terms
+    assert (held[0].kernel, held[1].kernel) == ("huber", "squared")
+    joints = still(1).joints.requires_grad_(True)
+    (pull,) = torch.autograd.grad(held[0].cost(Motion(joints), CONTEXT).sum(), joints)
+    assert float(pull.norm()) == pytest.approx(2 * held[0].delta * held[0].spec.scale, rel=1e-4)
+
+
+def test_its_rows_are_its_cost_where_nothing_is_held_back() -> None:
+    before = still()
+    after = moved(moved(before, "left_foot", [0.0, 0.1, 0.0], slice(3, 9)), "left_wrist", [0.1, 0.1, 0.0], slice(9, 20))
+    natural = Natural(Objective((Term("sdf_penetration", kernel="squared"),)), before, CONTEXT)
+    found = natural.assess(after, CONTEXT)
+    squares = sum((rows.flatten(1).square().sum(1) for rows in found.rows), torch.zeros(2))
+    torch.testing.assert_close(squares.to(found.cost), natural.cost(after, CONTEXT))
+    torch.testing.assert_close(found.cost, natural.cost(after, CONTEXT))
+    assert float(natural.cost(after, CONTEXT)[0]) > float(natural.cost(before, CONTEXT)[0])
+
+
+def test_a_target_out_of_reach_breaks_no_bones_and_is_named() -> None:
+    """The paper's failure case (its Fig. 10), with the weights that ship: goals alone tear the arm off."""
+    generator = load_generator("mscot")
+    places = [[0.3, 1.2, 0.6], [0.3, 3.6, 1.0], [0.3, 1.2, 1.6]]
+    goal = Term("joint_target", {"joint": "left_wrist", "position": places}, at=[1.0, 1.5, 2.0], tolerance=0.01)
+    objective = Objective((goal,))
+    for settings, strained in ((SolverSettings(natural=False), True), (SolverSettings(), False)):
+        guide = ObjectiveGuide(objective, CONTEXT, settings)
+        made = generator.generate("a person walks forward", 3.2, Pose2D(), guide, 1, 0)
+        assert made.unrefined is not None and guide.solution is not None
+        assert bool(Natural(objective, made.unrefined, CONTEXT).strained(made.motion)) == strained
+    assert guide.solution.reasons == ["strained"]
+    said = diagnosis(objective, made.motion[0], CONTEXT)
+    assert said is not None and said.startswith("target 2 (left wrist, 1.50 s) is ") and "out of reach" in said
+    others = (made.motion[0].joint("left_wrist")[[20, 40]] - torch.tensor(places)[[0, 2]]).norm(dim=-1)
+    assert float(others.max()) < 0.02
