@@ -269,9 +269,11 @@ def generator_bench(
     threads: Threads = None,
     json_file: Json = None,
     plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the confusion of kinds to this file.")] = None,
+    page: Annotated[Path | None, typer.Option(help="Write all of it as a page (Markdown) to this file.")] = None,
 ) -> None:
     """All of the evaluation: errors, standard metrics, plausibility, kinds, beside real motions and baselines."""
     from scenectl.bench.generator import bench_generator, plot
+    from scenectl.bench.page import evaluation_page
     from scenectl.evaluation.evaluator import load_evaluator
     from scenectl.evaluation.kinds import load_classifier
 
@@ -290,6 +292,10 @@ def generator_bench(
     if plot_file is not None:
         plot(result, plot_file)
         out.print(f"wrote {plot_file}")
+    if page is not None:
+        with atomic_write(page, "w") as file:
+            file.write(evaluation_page(result, weights, plot_file))
+        out.print(f"wrote {page}")
 
 
 @bench.command()

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from scenectl.bench.generator import bench_generator, plot
+from scenectl.bench.page import evaluation_page
 from scenectl.data.features import joints_to_features
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig, ContrastiveEvaluator
 from scenectl.evaluation.kinds import KindClassifier
@@ -67,6 +68,20 @@ def test_every_set_is_scored_alike_and_real_motions_are_their_own_measure(result
     assert rows["real"]["floor_penetration_m"] == pytest.approx(0.0, abs=1e-4)
     assert result["kinds"]["real"]["macro_recall"] == rows["real"]["label_recall"]
     assert sum(map(sum, result["kinds"]["generated"]["confusion"])) == result["clips"] == 33
+
+
+def test_the_page_has_every_set_and_kind_and_no_figure_that_the_result_lacks(result: dict[str, Any]) -> None:
+    page = evaluation_page(result, "default", Path("kinds.png"))
+    lines = page.splitlines()
+    for name in ("real", "reconstruction", "random tokens", "generated"):
+        assert sum(line.startswith(f"| {name} |") for line in lines) == 3
+    recall = result["kinds"]["generated"]["recall"]
+    for kind, share in recall.items():
+        (line,) = (line for line in lines if line.startswith(f"| {kind} |"))
+        assert line.endswith(f"| {share:.2f} |")
+    assert "![confusion of kinds](kinds.png)" in page
+    assert f"{result['summary']['label_recall']:.3f} on generated ones" in page
+    assert "confusion of kinds" not in evaluation_page(result, "default")
 
 
 def test_confusion_is_drawn(result: dict[str, Any], tmp_path: Path) -> None:

@@ -1,0 +1,109 @@
+"""The page that says what a generator makes, from what `bench generator` measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+_FIGURES = {
+    # key of a row: (heading, factor, decimals)
+    "skating_ratio": ("skating ratio", 1, 3),
+    "max_acceleration_m_per_frame2": ("max. acceleration (m/frame²)", 1, 3),
+    "jerk_m_per_s3": ("jerk (m/s³)", 1, 0),
+    "floating_share": ("floating (share of frames)", 1, 4),
+    "floor_penetration_m": ("in the floor (mm)", 1000, 1),
+    "bone_length_drift_m": ("bone length drift, largest (mm)", 1000, 0),
+    "joint_limit_share": ("joint limits broken (share)", 1, 4),
+    "self_penetration_m": ("self-penetration, deepest (mm)", 1000, 0),
+}
+
+
+def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | None = None) -> str:
+    """Markdown of a result of `bench_generator`; `picture` is its confusion matrix, beside the page."""
+    rows, summary, kinds = result["rows"], result["summary"], result["kinds"]
+    real, generated = rows[0], rows[-1]
+    ratio = summary["label_recall"] / summary["label_recall_real"]
+    return "\n".join([
+        f"# What the {weights} weights make, measured",
+        "",
+        "Everything on this page is printed by",
+        "",
+        "```",
+        "scenectl bench generator --data MOTIONS --json FILE --plot confusion.png --page evaluation.md",
+        "```",
+        "",
+        f"on the {result['clips']} captioned test clips of 36 frames or more, one motion each of the clip's own length. "
+        f"The evaluator is **{result['evaluator']}**, whose figures mean something beside one another, and nothing "
+        "beside published ones. *Reconstruction* is the test clip after a round trip through tokens, which is the best "
+        "that these tokens could do; *random tokens* is what a generator makes that has learnt nothing.",
+        "",
+        *_table(
+            ["set", "FID", "R@1", "R@2", "R@3", "distance to text", "diversity", "multimodality", "recall of kinds"],
+            [_metrics(row) for row in rows],
+        ),
+        "",
+        "R-precision in batches of 32. Means and 95 % intervals, FID of resampled sets:",
+        "",
+        *_table(["set", "FID", "R@3", "diversity"], [_intervals(row) for row in rows]),
+        "",
+        "## Plausibility",
+        "",
+        *_table(["set", *(heading for heading, _, _ in _FIGURES.values())], [_plausible(row) for row in rows]),
+        "",
+        f"Against real motions: skating {generated['skating_ratio'] / real['skating_ratio']:.2f} times, maximum "
+        "acceleration "
+        f"{generated['max_acceleration_m_per_frame2'] / real['max_acceleration_m_per_frame2']:.2f} times.",
+        "",
+        "## Kinds of motion",
+        "",
+        f"A classifier trained on real motions and then frozen: macro recall {summary['label_recall_real']:.3f} on real "
+        f"test motions, {summary['label_recall']:.3f} on generated ones ({ratio:.0%}), "
+        f"{rows[1]['label_recall']:.3f} on reconstructions. Worst kind: {summary['worst_kind']}.",
+        "",
+        *_table(["kind", "clips", "real", "reconstruction", "generated"], _recalls(kinds)),
+        "",
+        *([f"![confusion of kinds]({picture.name})", ""] if picture is not None else []),
+        "## Reconstruction and tokens",
+        "",
+        f"- Test split, 64 frames, global joints: {1000 * summary['reconstruction_error_m']:.0f} mm on Bandai, "
+        f"{1000 * summary['reconstruction_error_other_m']:.0f} mm on the other sources; root at the end "
+        f"{1000 * summary['root_drift_m']:.0f} and {1000 * summary['root_drift_other_m']:.0f} mm (numbers of clips in "
+        "the model card).",
+        f"- Codes used at scales beyond the third: {summary['code_use']:.0%} at the least.",
+        "- First-order against exact token posterior, five pelvis keyframes, clipped alike: KL "
+        f"{summary['posterior_kl']:.3f} nats a position.",
+        "",
+    ])  # fmt: skip
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *rows)]
+
+
+def _metrics(row: Mapping[str, Any]) -> list[str]:
+    keys = (
+        "fid", "r_precision_top1", "r_precision_top2", "r_precision_top3", "multimodal_distance", "diversity",
+        "multimodality", "label_recall",
+    )  # fmt: skip
+    return [row["set"], *("" if row[key] is None else f"{row[key]:.3f}" for key in keys)]
+
+
+def _intervals(row: Mapping[str, Any]) -> list[str]:
+    keys = ("fid_bootstrap", "r_precision_top3", "diversity")
+    return [row["set"], *(f"{row[key]:.3f} ± {row[f'{key}_interval']:.3f}" for key in keys)]
+
+
+def _plausible(row: Mapping[str, Any]) -> list[str]:
+    return [row["set"], *(f"{factor * row[key]:.{places}f}" for key, (_, factor, places) in _FIGURES.items())]
+
+
+def _recalls(kinds: Mapping[str, Any]) -> list[list[str]]:
+    """A row for each kind with enough test clips."""
+    real = kinds["real"]
+    clips = dict(zip(real["kinds"], map(sum, real["confusion"]), strict=True))
+    return [
+        [kind, str(clips[kind]), *(f"{kinds[name]['recall'].get(kind, 0.0):.2f}" for name in
+                                   ("real", "reconstruction", "generated"))]
+        for kind in sorted(real["recall"])
+    ]  # fmt: skip
