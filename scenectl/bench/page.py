@@ -33,8 +33,8 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         "scenectl bench generator --data MOTIONS --json FILE --plot confusion.png --page evaluation.md",
         "```",
         "",
-        f"on the {result['clips']} captioned test clips of 36 frames or more, one motion each of the clip's own length. "
-        f"The evaluator is **{result['evaluator']}**, whose figures mean something beside one another, and nothing "
+        f"on the {result['clips']} captioned test clips of 36 frames or more, one motion each of the clip's length. The "
+        f" evaluator is **{result['evaluator']}**, whose figures mean something beside one another, and nothing "
         "beside published ones. *Reconstruction* is the test clip after a round trip through tokens, which is the best "
         "that these tokens could do; *random tokens* is what a generator makes that has learnt nothing.",
         "",
@@ -57,8 +57,8 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         "",
         "## Kinds of motion",
         "",
-        f"A classifier trained on real motions and then frozen: macro recall {summary['label_recall_real']:.3f} on real "
-        f"test motions, {summary['label_recall']:.3f} on generated ones ({ratio:.0%}), "
+        f"A classifier trained on real motions and then frozen: macro recall {summary['label_recall_real']:.3f} on "
+        f"real test motions, {summary['label_recall']:.3f} on generated ones ({ratio:.0%}), "
         f"{rows[1]['label_recall']:.3f} on reconstructions. Worst kind: {summary['worst_kind']}.",
         "",
         *_table(["kind", "clips", "real", "reconstruction", "generated"], _recalls(kinds)),
@@ -66,10 +66,9 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         *([f"![confusion of kinds]({picture.name})", ""] if picture is not None else []),
         "## Reconstruction and tokens",
         "",
-        f"- Test split, 64 frames, global joints: {1000 * summary['reconstruction_error_m']:.0f} mm on Bandai, "
-        f"{1000 * summary['reconstruction_error_other_m']:.0f} mm on the other sources; root at the end "
-        f"{1000 * summary['root_drift_m']:.0f} and {1000 * summary['root_drift_other_m']:.0f} mm (numbers of clips in "
-        "the model card).",
+        f"- Test split, 64 frames, global joints: {_mm(summary['reconstruction_error_m'])} on Bandai, "
+        f"{_mm(summary['reconstruction_error_other_m'])} on the other sources; root at the end "
+        f"{_mm(summary['root_drift_m'])} and {_mm(summary['root_drift_other_m'])} (numbers of clips in the model card).",
         f"- Codes used at scales beyond the third: {summary['code_use']:.0%} at the least.",
         "- First-order against exact token posterior, five pelvis keyframes, clipped alike: KL "
         f"{summary['posterior_kl']:.3f} nats a position.",
@@ -79,6 +78,10 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *rows)]
+
+
+def _mm(metres: float | None) -> str:
+    return "no clip" if metres is None else f"{1000 * metres:.0f} mm"
 
 
 def _metrics(row: Mapping[str, Any]) -> list[str]:
