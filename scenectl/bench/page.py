@@ -33,7 +33,7 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         "scenectl bench generator --data MOTIONS --json FILE --plot confusion.png --page evaluation.md",
         "```",
         "",
-        f"on the {result['clips']} captioned test clips of 36 frames or more, one motion each of the clip's length. The "
+        f"on the {result['clips']} captioned test clips of 36 frames or more, a motion each of the clip's length. The"
         f" evaluator is **{result['evaluator']}**, whose figures mean something beside one another, and nothing "
         "beside published ones. *Reconstruction* is the test clip after a round trip through tokens, which is the best "
         "that these tokens could do; *random tokens* is what a generator makes that has learnt nothing.",
@@ -68,7 +68,7 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         "",
         f"- Test split, 64 frames, global joints: {_mm(summary['reconstruction_error_m'])} on Bandai, "
         f"{_mm(summary['reconstruction_error_other_m'])} on the other sources; root at the end "
-        f"{_mm(summary['root_drift_m'])} and {_mm(summary['root_drift_other_m'])} (numbers of clips in the model card).",
+        f"{_mm(summary['root_drift_m'])} and {_mm(summary['root_drift_other_m'])} (clips: see the model card).",
         f"- Codes used at scales beyond the third: {summary['code_use']:.0%} at the least.",
         "- First-order against exact token posterior, five pelvis keyframes, clipped alike: KL "
         f"{summary['posterior_kl']:.3f} nats a position.",
