@@ -20,14 +20,14 @@ from torch import Tensor
 
 import scenectl
 from objectives import TermReport, diagnosis
-from scenectl.control import ObjectiveGuide
+from scenectl.control import FreeStart, ObjectiveGuide
 from scenectl.generators.base import Generation, Generator, Progress
 from scenectl.metrics import Scorer, measure
-from scenectl.task import FPS, Problem, Task, start_of
+from scenectl.task import FPS, Problem, Start, Task, start_of
 from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.floor import path_length
-from scenes.motion import Motion
+from scenes.motion import Motion, Pose2D
 
 FORMAT = 1
 """Version of report.json."""
@@ -44,6 +44,7 @@ class Sample:
         metrics: see `scenectl.metrics.measure`.
         unrefined_cost: of the objective before refinement, or None.
         diagnosis: why goals aren't met, in a sentence (`objectives.diagnosis`); None where they are.
+        start: where it begins, which differs from the problem's where that was solved for.
     """
 
     index: int
@@ -52,6 +53,7 @@ class Sample:
     metrics: dict[str, float | str | None]
     unrefined_cost: float | None = None
     diagnosis: str | None = None
+    start: Pose2D | None = None
 
     @property
     def met(self) -> bool:
@@ -129,7 +131,9 @@ def run(
     weights = task.generator.weights if generator is None else None
     generator = load_task_generator(task) if generator is None else generator
     clock.lap("load_s")
-    guide = ObjectiveGuide(problem.objective, problem.context, task.solver, task.guidance, progress)
+    free = isinstance(task.start, Start) and task.start.free
+    unknown = FreeStart(problem.start.position) if free else None
+    guide = ObjectiveGuide(problem.objective, problem.context, task.solver, task.guidance, progress, unknown)
     made = generator.generate(
         task.prompt,
         problem.seconds,
@@ -139,6 +143,7 @@ def run(
         seed,
         progress,
     )
+    made = guide.placed(made)
     clock.lap("generate_s")
     tell("measuring", 0.0)
     motion, rows = _ranked(made, problem, scorer or Scorer(problem.scene, problem.body), tell)
@@ -242,7 +247,8 @@ def _ranked(made: Generation, problem: Problem, scorer: Scorer, tell: Progress) 
     for done, index in enumerate(order):
         figures = measure(made.motion[index], scorer)
         why = diagnosis(objective, made.motion[index], context)
-        rows.append(Sample(index, _number(costs[index]), terms[index], figures, _before(before, index), why))
+        start = start_of(made.motion[index], problem.body)
+        rows.append(Sample(index, _number(costs[index]), terms[index], figures, _before(before, index), why, start))
         tell("measuring", (done + 1) / len(order))
     return replace(made.motion, joints=made.motion.joints[order], valid=made.motion.valid[order]), rows
 
@@ -283,6 +289,7 @@ def _row(rank: int, row: Sample) -> dict[str, Any]:
         "unrefined_cost": row.unrefined_cost,
         "met": row.met,
         "diagnosis": row.diagnosis,
+        "start": row.start and {"position": list(row.start.position), "heading": row.start.heading},
         "terms": [term.as_dict() for term in row.terms],
         "metrics": _json(row.metrics),
     }

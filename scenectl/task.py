@@ -152,10 +152,12 @@ class Start(_Table):
     Attributes:
         position: [x, z] on the floor, or [x, y, z] with the height of the ground there; world metres.
         heading: radians about +y, 0 faces +z and pi/2 faces +x; by default along the walk, else 0.
+        free: place and heading are solved for along with the motion, each sample's own, from here on.
     """
 
     position: tuple[float, float] | tuple[float, float, float]
     heading: float | None = None
+    free: bool = False
 
 
 class Walk(_Table):
@@ -266,6 +268,8 @@ class Task(_Table):
             super().__init__(**data)
         except ValidationError as error:
             raise UserError(_sentence(error, data)) from error
+        if self.walk is not None and isinstance(self.start, Start) and self.start.free:
+            raise UserError("start: 'free' cannot be solved for with a [walk], which is planned from it; keep one")
         if self.seconds is None and self.walk is None:
             raise UserError(f"'seconds' is missing; give {SHORTEST:g} to {LONGEST:g}")
         _ = self.terms  # unknown goals and parameters are errors of the task, not of its run

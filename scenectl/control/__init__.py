@@ -2,5 +2,6 @@
 
 from scenectl.control.guide import ObjectiveGuide
 from scenectl.control.settings import GuidanceSettings, SolverSettings
+from scenectl.control.start import FreeStart
 
-__all__ = ["GuidanceSettings", "ObjectiveGuide", "SolverSettings"]
+__all__ = ["FreeStart", "GuidanceSettings", "ObjectiveGuide", "SolverSettings"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -14,7 +15,9 @@ from scenectl.control.problem import Problem, Reason, Solution
 from scenectl.control.residuals import Residuals
 from scenectl.control.settings import GuidanceSettings, SolverSettings
 from scenectl.control.solvers import minimise
-from scenectl.generators.base import Progress, Step
+from scenectl.control.start import UNKNOWNS, FreeStart, MovedStep
+from scenectl.generators.base import Generation, Progress, Step
+from scenes.motion import Motion
 
 
 class ObjectiveGuide:
@@ -31,7 +34,18 @@ class ObjectiveGuide:
         solver: SolverSettings | None = None,
         guidance: GuidanceSettings | None = None,
         progress: Progress | None = None,
+        start: FreeStart | None = None,
     ) -> None:
+        """Make a guide.
+
+        Args:
+            objective: the goals.
+            context: scene and body.
+            solver, guidance: settings.
+            progress: called with what is being done and the fraction done.
+            start: where motions begin, if that shall be solved for; `placed` moves what a generator made then.
+        """
+        self.start = start
         self.objective, self.context = objective, context
         self.solver, self.guidance = solver or SolverSettings(), guidance or GuidanceSettings()
         self.progress = progress
@@ -39,14 +53,19 @@ class ObjectiveGuide:
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         """Minus the objective's cost (Eq. 40), times the guidance scale."""
-        return -self.guidance.scale * self.objective.cost(step.decode(step.value), self.context)
+        motion = step.decode(step.value)
+        if self.start is not None:
+            motion = self.start.moved(motion, self.start.fit(motion, self._cost))
+        return -self.guidance.scale * self._cost(motion)
 
     def gradient(self, step: Step) -> Float[Tensor, "S *v"]:
         """Gradient of `log_prob` in the step's value; samples are independent, so one backward pass serves all."""
         value = step.value.detach().requires_grad_(True)
         with torch.enable_grad():
-            cost = self.objective.cost(step.decode(value), self.context)
-            (gradient,) = torch.autograd.grad(cost.sum(), value)
+            motion = step.decode(value)
+            if self.start is not None:
+                motion = self.start.moved(motion, self.start.fit(motion, self._cost))
+            (gradient,) = torch.autograd.grad(self._cost(motion).sum(), value)
         # One frame that is not a number must not silence the whole tilt.
         return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
 
@@ -56,6 +75,25 @@ class ObjectiveGuide:
         Where that stretched bones or lifted feet that stood, an approach that minds them begins anew, and the goals
         are solved for from there, as far as a body bears it (`scenectl.control.natural`).
         """
+        if self.start is None:
+            return self._refined(step)
+        self.start.before = self.start.fit(step.motion, self._cost)
+        found = self._refined(MovedStep.of(step, self.start, self.start.before))
+        self.start.moves = found[:, -UNKNOWNS:]
+        return found[:, :-UNKNOWNS].reshape(step.value.shape)
+
+    def placed(self, made: Generation) -> Generation:
+        """What a generator made, moved to the start that was found for it."""
+        if self.start is None or self.start.moves is None:
+            return made
+        before = self.start.moves if self.start.before is None else self.start.before
+        unrefined = None if made.unrefined is None else self.start.moved(made.unrefined, before)
+        return replace(made, motion=self.start.moved(made.motion, self.start.moves), unrefined=unrefined)
+
+    def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
+        return self.objective.cost(motion, self.context)
+
+    def _refined(self, step: Step) -> Float[Tensor, "S *v"]:
         if self.solver.iterations == 0:
             return step.value.detach()
         tell = self._pass_counter()

@@ -1,0 +1,139 @@
+"""Where a motion begins, as an unknown: a rigid move of each sample over the floor, solved for along with its value.
+
+Features state every motion from the origin, and so a target near the start, or a wall around it, may be out of reach of
+all motions from one place and easy from another. Generators know nothing of this: the guide sees their steps moved, and
+moves what they make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenectl.control.problem import Problem
+from scenectl.control.settings import SolverSettings
+from scenectl.control.solvers import minimise
+from scenectl.generators.base import Step
+from scenes.motion import Motion
+
+UNKNOWNS = 3
+"""A sample's move: x and z (m), and yaw about the vertical through the pivot (rad)."""
+HEADINGS = 8
+"""Directions that are tried where nothing is known yet: costs have several valleys in yaw."""
+_FIT = SolverSettings(name="lbfgs", iterations=30, prior=0.0, patience=3, progress=1e-3)
+
+
+class FreeStart:
+    """A start that is solved for.
+
+    Attributes:
+        pivot: world point (m) about which motions turn; where the task says that the search begins.
+        moves: of each sample, found last; None before the first step.
+        before: the same before refinement.
+    """
+
+    def __init__(self, pivot: tuple[float, float, float]) -> None:
+        self.pivot = pivot
+        self.moves: Float[Tensor, "S 3"] | None = None
+        self.before: Float[Tensor, "S 3"] | None = None
+
+    def moved(self, motion: Motion, moves: Float[Tensor, "S 3"]) -> Motion:
+        """Motions ``[S, T, J, 3]`` turned about the pivot and shifted, each by its own move."""
+        return replace(motion, joints=_moved(motion.joints, moves, self.pivot))
+
+    def fit(self, motion: Motion, cost: Callable[[Motion], Float[Tensor, " S"]]) -> Float[Tensor, "S 3"]:
+        """The moves that suit a motion best, from those found last; the first time from several headings."""
+        motion = replace(motion, joints=motion.joints.detach())
+
+        def of_moves(moves: Tensor) -> Tensor:
+            return cost(self.moved(motion, moves))
+
+        if self.moves is not None:
+            begins = [self.moves]
+        else:
+            turns = torch.arange(HEADINGS) * (2 * torch.pi / HEADINGS)
+            begins = [motion.joints.new_tensor([0.0, 0.0, float(turn)]).repeat(len(motion.joints), 1) for turn in turns]
+        found = [minimise(Problem(of_moves, begin, _never), _FIT) for begin in begins]
+        best = torch.stack([solution.cost for solution in found]).argmin(0)
+        self.moves = torch.stack([solution.value for solution in found])[best, torch.arange(len(best))]
+        return self.moves
+
+
+@dataclass(frozen=True)
+class MovedStep:
+    """A step whose value ends with its start's moves.
+
+    Attributes:
+        value: the inner step's, flat, then the moves, ``[S, n + 3]``.
+        inner: the step as its generator made it.
+        start: about whose pivot it is moved.
+    """
+
+    value: Float[Tensor, "S m"]
+    inner: Step
+    start: FreeStart
+
+    @classmethod
+    def of(cls, inner: Step, start: FreeStart, moves: Float[Tensor, "S 3"]) -> MovedStep:
+        return cls(torch.cat([inner.value.detach().flatten(1), moves], dim=1), inner, start)
+
+    @property
+    def moves(self) -> Float[Tensor, "S 3"]:
+        return self.value[:, -UNKNOWNS:]
+
+    def decode(self, value: Float[Tensor, "S m"]) -> Motion:
+        return self.start.moved(self.inner.decode(self._inner(value)), value[:, -UNKNOWNS:])
+
+    def at(self, value: Float[Tensor, "S m"]) -> MovedStep:
+        return MovedStep(value, self.inner.at(self._inner(value)), self.start)
+
+    @property
+    def motion(self) -> Motion:
+        return self.start.moved(self.inner.motion, self.moves)
+
+    def jvp(self, tangent: Float[Tensor, "S m"]) -> Float[Tensor, "S T J 3"]:
+        turned = _turned(self.inner.jvp(self._inner(tangent)), self.moves[:, 2])
+        along = tangent[:, -UNKNOWNS:]
+        shift = torch.stack([along[:, 0], torch.zeros_like(along[:, 0]), along[:, 1]], dim=-1)
+        return turned + shift[:, None, None] + tangent[:, -1, None, None, None] * self._swing()
+
+    def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S m"]:
+        return self.vjps(cotangent[None])[0]
+
+    def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S m"]:
+        inner = self.inner.vjps(_turned(cotangents, -self.moves[:, 2])).flatten(2)
+        shift = cotangents.sum((2, 3))[..., [0, 2]]
+        swing = (cotangents * self._swing()).sum((2, 3, 4))
+        return torch.cat([inner, shift, swing[..., None]], dim=-1)
+
+    def _inner(self, value: Tensor) -> Tensor:
+        return value[:, :-UNKNOWNS].view_as(self.inner.value)
+
+    def _swing(self) -> Float[Tensor, "S T J 3"]:
+        """How joints move as the yaw grows: at right angles to their way from the pivot."""
+        joints = self.inner.motion.joints
+        turned = _turned(joints - joints.new_tensor(self.start.pivot), self.moves[:, 2])
+        return torch.stack([turned[..., 2], torch.zeros_like(turned[..., 1]), -turned[..., 0]], dim=-1)
+
+
+def _moved(
+    joints: Float[Tensor, "S T J 3"], moves: Float[Tensor, "S 3"], pivot: tuple[float, float, float]
+) -> Float[Tensor, "S T J 3"]:
+    centre = joints.new_tensor(pivot)
+    shift = torch.stack([moves[:, 0], torch.zeros_like(moves[:, 0]), moves[:, 1]], dim=-1)
+    return _turned(joints - centre, moves[:, 2]) + centre + shift[:, None, None]
+
+
+def _turned(vectors: Float[Tensor, "*r S T J 3"], yaw: Float[Tensor, " S"]) -> Float[Tensor, "*r S T J 3"]:
+    """Vectors turned about +y, each sample by its own angle; pi/2 turns +z to +x."""
+    c, s = yaw.cos()[:, None, None], yaw.sin()[:, None, None]
+    x, y, z = vectors.unbind(-1)
+    return torch.stack([c * x + s * z, y, c * z - s * x], dim=-1)
+
+
+def _never(moves: Tensor) -> Tensor:
+    return torch.zeros(len(moves), dtype=torch.bool)

@@ -1,0 +1,115 @@
+"""A start as an unknown: moves, products with them, and goals that only another start can meet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from objectives import Objective, Term
+from scenectl.control import FreeStart, ObjectiveGuide, SolverSettings
+from scenectl.control.start import MovedStep
+from scenectl.generators import load_generator
+from scenectl.generators.base import Step
+from scenectl.runner import run
+from scenectl.task import Start, Task, load_task, start_of
+from scenes.errors import UserError
+from scenes.motion import Motion, Pose2D
+from tests.objectives.cases import context, wandering
+from tests.scenectl.control.test_guide import step
+
+PIVOT = (0.4, 0.0, -0.3)
+
+
+def moves(samples: int = 2) -> torch.Tensor:
+    return torch.tensor([[1.0, -2.0, 0.7], [0.3, 0.2, -2.5]], dtype=torch.float64)[:samples]
+
+
+def moved_step() -> MovedStep:
+    return MovedStep.of(step(exact=True), FreeStart(PIVOT), moves())
+
+
+def test_a_move_is_a_rigid_transform_about_the_pivot() -> None:
+    motion, start = wandering(2), FreeStart(PIVOT)
+    got = start.moved(motion, moves())
+    for i, (x, z, yaw) in enumerate(moves().tolist()):
+        centre = motion.joints.new_tensor(PIVOT)
+        turn = Pose2D((PIVOT[0] + x, PIVOT[1], PIVOT[2] + z), yaw)
+        torch.testing.assert_close(got.joints[i], turn.apply(motion.joints[i] - centre))
+    torch.testing.assert_close(start.moved(motion, torch.zeros(2, 3)).joints, motion.joints)
+
+
+def test_products_of_a_moved_step_are_derivatives_and_adjoint() -> None:
+    s = moved_step()
+    assert isinstance(s, Step)
+    torch.testing.assert_close(s.motion.joints, s.decode(s.value).joints)
+    tangent, h = torch.randn_like(s.value), 1e-6
+    numeric = (s.decode(s.value + h * tangent).joints - s.decode(s.value - h * tangent).joints) / (2 * h)
+    torch.testing.assert_close(s.jvp(tangent), numeric, rtol=1e-5, atol=1e-6)
+    cotangents = torch.randn(3, *numeric.shape, dtype=numeric.dtype)
+    rows = s.vjps(cotangents)
+    torch.testing.assert_close(rows[1], s.vjp(cotangents[1]))
+    ahead = (cotangents * s.jvp(tangent)).flatten(2).sum(2)
+    torch.testing.assert_close((rows * tangent).sum(2), ahead)
+
+
+def test_the_best_of_several_headings_is_found_for_every_sample() -> None:
+    motion = wandering(2)
+    start, truth = FreeStart(PIVOT), moves()
+    wanted = start.moved(motion, truth)
+
+    def cost(got: Motion) -> torch.Tensor:
+        return (got.joints - wanted.joints).square().sum((1, 2, 3))
+
+    found = start.fit(motion, cost)
+    torch.testing.assert_close(start.moved(motion, found).joints, wanted.joints, atol=2e-3, rtol=0)
+    assert start.moves is found
+
+
+def test_refinement_solves_for_the_start_and_the_value_together() -> None:
+    s = step(samples=2)
+    free = FreeStart((1.0, 0.0, -2.0))
+    goals = Objective((Term("joint_target", {"position": [6.0, 5.0]}, at=0.5, tolerance=0.01),))
+    guide = ObjectiveGuide(goals, context(), SolverSettings(natural=False), start=free)
+    value = guide.refine(s)
+    assert value.shape == s.value.shape and free.moves is not None and free.before is not None
+    motion = free.moved(s.decode(value), free.moves)
+    assert goals.met(motion, context()).all()
+    assert float((value - s.value).abs().max()) < 0.05  # the start alone can do it
+
+
+def test_a_goal_behind_a_walker_is_met_by_turning_the_start() -> None:
+    """Walking backwards is not what was asked for: with a free start the walk simply begins elsewhere."""
+    goals = Objective((Term("joint_target", {"position": [[0.0, -1.0], [0.0, -2.2]]}, at=[1.0, 2.5], tolerance=0.02),))
+    generator = load_generator("mscot")
+    free = FreeStart((0.0, 0.0, 0.0))
+    guide = ObjectiveGuide(goals, context(), start=free)
+    made = guide.placed(generator.generate("a person walks forward", 3.0, Pose2D(), guide, 2, 0))
+    assert goals.met(made.motion, context()).all()
+    for i in range(2):
+        pelvis = made.motion[i].joint("pelvis")
+        ahead = (pelvis[50] - pelvis[20])[[0, 2]]
+        heading = start_of(replace(made.motion[i], joints=made.motion[i].joints[20:], valid=made.motion[i].valid[20:]))
+        facing = ahead.new_tensor([math.sin(heading.heading), math.cos(heading.heading)])
+        assert float(facing @ ahead / ahead.norm()) > 0.8  # forwards, as it was told
+
+
+def test_a_task_asks_for_it_and_its_report_says_where_each_sample_began(tmp_path: Path) -> None:
+    task = Task(
+        prompt="a person walks forward", seconds=2.0, start=Start(position=(0.0, 0.0), free=True), samples=2,
+        goals=({"use": "joint_target", "position": [3.0, -2.0], "at": 1.9},),
+    )  # fmt: skip
+    result = run(task)
+    assert all(sample.met for sample in result.samples)
+    starts = [row["start"]["position"] for row in result.report["samples"]]
+    pelvis = result.motion.joint("pelvis")[:, 0]
+    for place, begin in zip(starts, pelvis, strict=True):
+        assert place[0] == pytest.approx(float(begin[0])) and place[2] == pytest.approx(float(begin[2]))
+    (tmp_path / "task.toml").write_text(
+        'prompt = "walks"\nstart = { position = [0.0, 0.0], free = true }\nwalk = { to = [1.0, 1.0] }\n'
+    )
+    with pytest.raises(UserError, match="start: 'free' cannot be solved for with a"):
+        load_task(tmp_path / "task.toml")
