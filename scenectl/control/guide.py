@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective
@@ -102,17 +102,23 @@ class ObjectiveGuide:
         if not self.solver.natural:
             return refined
         natural = Natural(self.objective, step.motion, self.context)
-        strained = natural.strained(step.at(refined).motion)
-        if not strained.any():
-            return refined
+        wanted = torch.tensor([reason != "abandoned" for reason in self.solution.reasons])
+        strained = (wanted & natural.strained(step.at(refined).motion)).nonzero()[:, 0]
+        if len(strained):
+            self._eased(step.at(step.value[strained]), strained, tell)
+        return self.solution.value.view_as(step.value)
+
+    def _eased(self, step: Step, strained: Int[Tensor, " s"], tell: Callable[[], None]) -> None:
+        """Solve anew for the samples that were strained, of which `step` holds the generator's own values."""
+        assert self.solution is not None
+        natural = Natural(self.objective, step.motion, self.context)
         gentle = self._solved(step, step.value, natural, approach(self.solver), tell)
-        self.solution.replace(gentle, strained, "strained")
+        self.solution.replace(gentle, strained, torch.ones_like(strained, dtype=torch.bool), "strained")
         stages: list[tuple[Objective, Reason | None]] = [(natural.without_outliers, "strained"), (self.objective, None)]
         for goals, reason in stages:
             ended = self._solved(step, gentle.value.view_as(step.value), goals, finish(self.solver), tell)
             bears = ~natural.strained(step.at(ended.value.view_as(step.value)).motion)
-            self.solution.replace(ended, strained & bears, reason)
-        return self.solution.value.view_as(step.value)
+            self.solution.replace(ended, strained, bears, reason)
 
     def _solved(
         self,

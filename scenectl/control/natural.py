@@ -23,6 +23,10 @@ STRETCH, TORN = 0.005, 0.02
 """Metres by which bones may be further from their lengths than before: in the mean, and in that of any one frame."""
 LIFT = 0.03
 """Metres by which a foot that stood may be lifted."""
+LED, SNAPPED, FLOWN = 0.5, 0.05, 0.1
+"""Where goals lead a body along this share of its way or more (a path, a track), steps fall at other times than before.
+Then only bones count that are so many metres further from their lengths in a frame's mean, and feet that are both so
+many metres higher."""
 _STANDING, _STILL = 0.05, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
 _DELTA = {"huber": 0.05, "geman_mcclure": 0.1}
@@ -58,6 +62,7 @@ class Natural:
         free = torch.tensor([foot not in _asked(objective) for foot in _FEET])
         self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
         self._stretched = bone_errors(before)
+        self._led = any(get_goal(t.goal).pulls and _share(t, before, context) >= LED for t in objective.counted)
 
     @torch.no_grad()
     def strained(self, after: Motion) -> Bool[Tensor, " S"]:
@@ -66,11 +71,16 @@ class Natural:
         A foot that a goal asks for may be lifted.
         """
         now, before = bone_errors(after), self._stretched
+        if self._led:
+            return (now.amax(-1) > before.amax(-1) + SNAPPED) | (self.lift(after) > FLOWN)
         longer = (now.mean(-1) > before.mean(-1) + STRETCH) | (now.amax(-1) > before.amax(-1) + TORN)
         return longer | (self.lift(after) > LIFT)
 
     def lift(self, after: Motion) -> Float[Tensor, " S"]:
-        """The most (m) by which a foot that stood before is higher now."""
+        """The most (m) by which a foot that stood before is higher now; the lower one, where goals lead all along."""
+        if self._led:
+            low = after.select(_FEET)[..., 1].amin(-1) - self._feet[..., 1].amin(-1)
+            return (low * self._stands.any(-1)).amax(-1)
         up = after.select(_FEET)[..., 1] - self._feet[..., 1]
         return (up * self._stands).amax((-2, -1))
 
@@ -90,6 +100,7 @@ class Natural:
         return Assessed([*found.rows, feet], cost, self.met(motion, context))
 
     def _footing(self, motion: Motion) -> Float[Tensor, "S T 2"]:
+        """Rows on standing feet that are lifted."""
         up = (motion.select(_FEET)[..., 1] - self._feet[..., 1]).clamp_min(0.0)
         return _FOOT**0.5 * up * self._stands
 
@@ -103,6 +114,11 @@ def approach(settings: SolverSettings) -> SolverSettings:
 def finish(settings: SolverSettings) -> SolverSettings:
     """For the search without them from where the approach ended, which is short or leads nowhere."""
     return settings.model_copy(update={"iterations": min(settings.iterations, _FINISH)})
+
+
+def _share(term: Term, motion: Motion, context: Context) -> float:
+    """Of the frames, at how many a term has a say."""
+    return float(term.evaluate(motion, context).mask.any(-1).float().mean())
 
 
 def _asked(objective: Objective) -> set[str]:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Literal, Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from scenectl.control.settings import SolverSettings
@@ -16,9 +16,9 @@ from scenectl.control.settings import SolverSettings
 Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
 """Costs of a batch of points, differentiable, each depending on its own point alone."""
 
-Reason = Literal["met", "no progress", "budget", "strained"]
-"""Why a search ended: every term within its tolerance, nothing more to gain, all steps spent, or a body that could bear
-no more (`scenectl.control.natural`)."""
+Reason = Literal["met", "no progress", "budget", "abandoned", "strained"]
+"""Why a search ended: every term within its tolerance, nothing more to gain, all steps spent, enough other samples met,
+or a body that could bear no more (`scenectl.control.natural`)."""
 
 
 @runtime_checkable
@@ -93,12 +93,16 @@ class Solution:
     evaluations: int = 0
     history: list[Tensor] = field(default_factory=list)
 
-    def replace(self, other: Solution, which: Bool[Tensor, " S"], reason: Reason | None = None) -> None:
-        """Take over some samples of another search; its passes count whichever they are."""
-        self.value = torch.where(which[:, None], other.value, self.value)
-        self.cost = torch.where(which, other.cost, self.cost)
-        for i in which.nonzero()[:, 0].tolist():
-            self.reasons[i] = reason or other.reasons[i]
+    def replace(
+        self, other: Solution, samples: Int[Tensor, " s"], better: Bool[Tensor, " s"], reason: Reason | None = None
+    ) -> None:
+        """Take over from a search of some `samples` those that are `better`; its passes count whichever they are."""
+        taken = samples[better]
+        self.value, self.cost = self.value.clone(), self.cost.clone()
+        self.value[taken], self.cost[taken] = other.value[better], other.cost[better]
+        for theirs, mine in enumerate(samples.tolist()):
+            if better[theirs]:
+                self.reasons[mine] = reason or other.reasons[theirs]
         self.evaluations += other.evaluations
 
 
@@ -159,6 +163,9 @@ class Search:
             self._retire(better & met, "met")
         elif len(self.solution.history) % _ASK_EVERY == 0:
             self._retire(self.problem.done(self.solution.value), "met")
+        enough = self.settings.enough
+        if enough is not None and self.solution.reasons.count("met") >= enough:
+            self._retire(self.active.clone(), "abandoned")
 
     def _retire(self, which: Bool[Tensor, " S"], reason: Reason) -> None:
         for i in (which & self.active).nonzero()[:, 0].tolist():

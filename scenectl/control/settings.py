@@ -32,6 +32,8 @@ class SolverSettings(BaseModel):
             keeps what goals leave free as the generator made it.
         patience: steps in a row without progress worth `progress` after which the search ends.
         progress: relative decrease of the cost that counts as progress.
+        enough: samples of a batch that meet all goals after which the others are abandoned; by default none is. Set it
+            to 1 where only the best of several samples is wanted.
         natural: where goals could be met only by stretching bones or lifting feet that stood, refine once more with
             pulls that don't grow with distance and a cost on both (`scenectl.control.natural`).
     """
@@ -44,4 +46,5 @@ class SolverSettings(BaseModel):
     prior: float = Field(default=1e-4, ge=0)
     patience: int = Field(default=10, ge=1)
     progress: float = Field(default=1e-4, gt=0)
+    enough: int | None = Field(default=None, ge=1)
     natural: bool = True

@@ -111,7 +111,7 @@ class MovedStep:
         return torch.cat([inner, shift, swing[..., None]], dim=-1)
 
     def _inner(self, value: Tensor) -> Tensor:
-        return value[:, :-UNKNOWNS].view_as(self.inner.value)
+        return value[:, :-UNKNOWNS].unflatten(1, self.inner.value.shape[1:])
 
     def _swing(self) -> Float[Tensor, "S T J 3"]:
         """How joints move as the yaw grows: at right angles to their way from the pivot."""

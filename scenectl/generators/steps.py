@@ -62,7 +62,8 @@ class LatentStep:
         latent: affine map from values to latents ``[S, d, L]``.
         place: joints in the world, of the features ``[S, T, c]`` of 4 L frames.
         rough: precision of many gradients at once, which solvers use as a model only; by default the value's own.
-        records: of the affine map, by the number of gradients and whether they are rough; kept from value to value.
+        records: of the affine map, by the number of gradients of all samples and whether they are rough;
+            kept from value to value.
     """
 
     value: Float[Tensor, "S *v"]
@@ -108,14 +109,14 @@ class LatentStep:
 
     def _pulled_back(self, latent: Float[Tensor, "R S d L"], precision: torch.dtype) -> Float[Tensor, "R S *v"]:
         """The adjoint of the affine map's linear part, of all R at once; autograd's record of it serves every value."""
-        count, rough = len(latent), precision is not self.value.dtype
+        count, rough = len(latent) * len(self.value), precision is not self.value.dtype
         if (count, rough) not in self.records:
-            value = self.value.new_zeros(count * len(self.value), *self.value.shape[1:]).requires_grad_(True)
+            value = self.value.new_zeros(count, *self.value.shape[1:]).requires_grad_(True)
             with torch.enable_grad(), torch.autocast(value.device.type, torch.bfloat16, enabled=rough):
                 self.records[count, rough] = value, self.latent(value)
         value, image = self.records[count, rough]
         (gradient,) = torch.autograd.grad(image, value, latent.flatten(0, 1).to(image), retain_graph=True)
-        return gradient.unflatten(0, (count, -1))
+        return gradient.unflatten(0, (len(latent), -1))
 
     @cached_property
     def _decoder(self) -> LinearisedDecoder:

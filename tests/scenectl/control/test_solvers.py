@@ -280,3 +280,21 @@ def test_reasons_name_what_ended_each_sample() -> None:
 def test_a_solver_of_residuals_wants_residuals() -> None:
     with pytest.raises(TypeError, match="lm"):
         minimise(Problem(lambda x: x.sum(1), torch.zeros(1, 2), never), SolverSettings(name="lm"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_once_enough_samples_are_met_the_others_are_abandoned(name: str) -> None:
+    """The first sample begins where all is met but for a little, the others far away."""
+    start = CENTRES + torch.tensor([[0.02], [40.0], [60.0]])
+
+    def done(x: Tensor) -> Tensor:
+        return cost_of(quadratic, x) < 1e-3
+
+    step = {"adam": 0.02, "gradient": 0.02}.get(name)
+    got = solve(quadratic, start, name, done, iterations=400, step=step, patience=400, enough=1)
+    assert "met" in got.reasons and got.reasons[0] == "met"
+    assert set(got.reasons) <= {"met", "abandoned"}
+    if name in ("adam", "gradient"):
+        assert got.reasons == ["met", "abandoned", "abandoned"]
+    alone = solve(quadratic, start, name, done, iterations=400, step=step, patience=400)
+    assert got.evaluations <= alone.evaluations and "abandoned" not in alone.reasons
