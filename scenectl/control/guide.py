@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective
-from scenectl.control.natural import Natural, approach, finish
+from scenectl.control.natural import FLIGHT, Natural, approach, finish
 from scenectl.control.problem import Problem, Reason, Solution
 from scenectl.control.residuals import Residuals
 from scenectl.control.settings import GuidanceSettings, SolverSettings
@@ -102,8 +102,11 @@ class ObjectiveGuide:
         if not self.solver.natural:
             return refined
         natural = Natural(self.objective, step.motion, self.context)
-        wanted = torch.tensor([reason != "abandoned" for reason in self.solution.reasons])
-        strained = (wanted & natural.strained(step.at(refined).motion)).nonzero()[:, 0]
+        after, reasons = step.at(refined).motion, self.solution.reasons
+        met, gone = (torch.tensor([reason == name for reason in reasons]) for name in ("met", "abandoned"))
+        # What is met stays met for the sake of a foot that is a little higher than it was.
+        worse = torch.where(met, natural.strained(after, FLIGHT), natural.strained(after))
+        strained = (worse & ~gone).nonzero()[:, 0]
         if len(strained):
             self._eased(step.at(step.value[strained]), strained, tell)
         return self.solution.value.view_as(step.value)
@@ -114,11 +117,12 @@ class ObjectiveGuide:
         natural = Natural(self.objective, step.motion, self.context)
         gentle = self._solved(step, step.value, natural, approach(self.solver), tell)
         self.solution.replace(gentle, strained, torch.ones_like(strained, dtype=torch.bool), "strained")
+        begin = gentle.value.view_as(step.value)
         stages: list[tuple[Objective, Reason | None]] = [(natural.without_outliers, "strained"), (self.objective, None)]
         for goals, reason in stages:
-            ended = self._solved(step, gentle.value.view_as(step.value), goals, finish(self.solver), tell)
-            bears = ~natural.strained(step.at(ended.value.view_as(step.value)).motion)
-            self.solution.replace(ended, strained, bears, reason)
+            found = self._solved(step, begin, goals, finish(self.solver), tell)
+            bears = ~natural.strained(step.at(found.value.view_as(step.value)).motion)
+            self.solution.replace(found, strained, bears, reason)
 
     def _solved(
         self,

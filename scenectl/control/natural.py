@@ -23,13 +23,15 @@ STRETCH, TORN = 0.005, 0.02
 """Metres by which bones may be further from their lengths than before: in the mean, and in that of any one frame."""
 LIFT = 0.03
 """Metres by which a foot that stood may be lifted."""
+FLIGHT = 0.1
+"""Metres of the same that even goals that are met aren't worth."""
 LED, SNAPPED, FLOWN = 0.5, 0.05, 0.1
 """Where goals lead a body along this share of its way or more (a path, a track), steps fall at other times than before.
 Then only bones count that are so many metres further from their lengths in a frame's mean, and feet that are both so
 many metres higher."""
 _STANDING, _STILL = 0.05, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
-_DELTA = {"huber": 0.05, "geman_mcclure": 0.1}
+_DELTA = {"huber": 0.05, "geman_mcclure": 0.03}
 """Metres beyond which a target pulls no harder, and beyond which it pulls less and less."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
@@ -49,7 +51,7 @@ class Natural:
 
     Attributes:
         objective: the goals, with those that pull held back, and a cost on bones, joint limits, jerks and skating.
-        without_outliers: the goals, of which those that pull let go of what is far off.
+        without_outliers: the goals alone, of which those that pull let go of what is far off.
     """
 
     def __init__(self, objective: Objective, before: Motion, context: Context) -> None:
@@ -65,16 +67,18 @@ class Natural:
         self._led = any(get_goal(t.goal).pulls and _share(t, before, context) >= LED for t in objective.counted)
 
     @torch.no_grad()
-    def strained(self, after: Motion) -> Bool[Tensor, " S"]:
+    def strained(self, after: Motion, lift: float | None = None) -> Bool[Tensor, " S"]:
         """Samples with longer or shorter bones than before, or with a foot in the air that stood.
 
-        A foot that a goal asks for may be lifted.
+        A foot that a goal asks for may be lifted. `lift` (m) is how far one may be lifted that stood, by default
+        `LIFT`, or `FLOWN` where goals lead all along.
         """
+        lift = lift or (FLOWN if self._led else LIFT)
         now, before = bone_errors(after), self._stretched
         if self._led:
-            return (now.amax(-1) > before.amax(-1) + SNAPPED) | (self.lift(after) > FLOWN)
+            return (now.amax(-1) > before.amax(-1) + SNAPPED) | (self.lift(after) > lift)
         longer = (now.mean(-1) > before.mean(-1) + STRETCH) | (now.amax(-1) > before.amax(-1) + TORN)
-        return longer | (self.lift(after) > LIFT)
+        return longer | (self.lift(after) > lift)
 
     def lift(self, after: Motion) -> Float[Tensor, " S"]:
         """The most (m) by which a foot that stood before is higher now; the lower one, where goals lead all along."""

@@ -70,8 +70,10 @@ def test_bone_errors_are_means_over_bones_and_none_in_padding() -> None:
 
 def test_goals_that_pull_do_so_no_harder_from_afar_and_walls_as_ever() -> None:
     terms = (Term("joint_target", {"position": [9.0, 1.0, 0.0]}, at=1.0), Term("sdf_penetration", kernel="squared"))
-    held = Natural(Objective(terms), still(), CONTEXT).objective.terms
+    natural = Natural(Objective(terms), still(), CONTEXT)
+    held, let_go = natural.objective.terms, natural.without_outliers.terms
     assert (held[0].kernel, held[1].kernel) == ("huber", "squared")
+    assert (let_go[0].kernel, let_go[1].kernel) == ("geman_mcclure", "squared")
     joints = still(1).joints.requires_grad_(True)
     (pull,) = torch.autograd.grad(held[0].cost(Motion(joints), CONTEXT).sum(), joints)
     assert float(pull.norm()) == pytest.approx(2 * held[0].delta * held[0].spec.scale, rel=1e-4)
@@ -96,7 +98,7 @@ def test_a_target_out_of_reach_breaks_no_bones_and_is_named() -> None:
     objective = Objective((goal,))
     for settings, strained in ((SolverSettings(natural=False), True), (SolverSettings(), False)):
         guide = ObjectiveGuide(objective, CONTEXT, settings)
-        made = generator.generate("a person walks forward", 3.2, Pose2D(), guide, 1, 0)
+        made = generator.generate("a person walks forward", 3.2, Pose2D(), guide, 1, 2)
         assert made.unrefined is not None and guide.solution is not None
         assert bool(Natural(objective, made.unrefined, CONTEXT).strained(made.motion)) == strained
     assert guide.solution.reasons == ["strained"]
