@@ -198,7 +198,7 @@ def plot(result: Mapping[str, Any], png: str | Path) -> None:
     """Confusion of kinds, real motions beside generated ones, to a picture."""
     from matplotlib.figure import Figure  # without pyplot, so that no window system is asked for
 
-    figure = Figure(figsize=(15, 7.5), layout="constrained")
+    figure = Figure(figsize=(15, 8.5), layout="constrained")
     shown = sorted({kind for name in ("real", "generated") for kind in result["kinds"][name]["recall"]})
     for axis, name in zip(figure.subplots(1, 2), ("real", "generated"), strict=True):
         found = result["kinds"][name]

@@ -123,7 +123,7 @@ def _tasks(room: Room, count: int, seed: int, radius: float, solver: SolverSetti
             prompt=room.prompt,
             scene=room.scene,
             start=Start(position=(start[0], start[1])),
-            walk=Walk(to=(target[0], target[1]), radius=radius, height=room.height),
+            walk=Walk(to=(target[0], target[1]), radius=radius, height=room.height, tolerance=CLOSE),
             goals=GOALS,
             solver=solver,
         )

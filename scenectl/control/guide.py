@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective
-from scenectl.control.natural import FLIGHT, Natural, approach, finish
+from scenectl.control.natural import LENIENCY, SOLVED, Natural, approach, finish
 from scenectl.control.problem import Problem, Reason, Solution
 from scenectl.control.residuals import Residuals
 from scenectl.control.settings import GuidanceSettings, SolverSettings
@@ -102,10 +102,10 @@ class ObjectiveGuide:
         if not self.solver.natural:
             return refined
         natural = Natural(self.objective, step.motion, self.context)
-        after, reasons = step.at(refined).motion, self.solution.reasons
-        met, gone = (torch.tensor([reason == name for reason in reasons]) for name in ("met", "abandoned"))
-        # What is met stays met for the sake of a foot that is a little higher than it was.
-        worse = torch.where(met, natural.strained(after, FLIGHT), natural.strained(after))
+        after, gone = step.at(refined).motion, torch.tensor([r == "abandoned" for r in self.solution.reasons])
+        # What is met, or nearly, stays so for all that a foot is a little higher or a bone a little longer.
+        solved = self._cost(after) <= SOLVED * self._cost(step.motion)
+        worse = torch.where(solved, natural.strained(after, LENIENCY), natural.strained(after))
         strained = (worse & ~gone).nonzero()[:, 0]
         if len(strained):
             self._eased(step.at(step.value[strained]), strained, tell)

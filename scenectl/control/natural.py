@@ -23,12 +23,11 @@ STRETCH, TORN = 0.005, 0.02
 """Metres by which bones may be further from their lengths than before: in the mean, and in that of any one frame."""
 LIFT = 0.03
 """Metres by which a foot that stood may be lifted."""
-FLIGHT = 0.1
-"""Metres of the same that even goals that are met aren't worth."""
-LED, SNAPPED, FLOWN = 0.5, 0.05, 0.1
-"""Where goals lead a body along this share of its way or more (a path, a track), steps fall at other times than before.
-Then only bones count that are so many metres further from their lengths in a frame's mean, and feet that are both so
-many metres higher."""
+SOLVED, LENIENCY = 1e-3, 3.0
+"""Where refinement leaves no more than this share of the goals' cost, so many times as much is borne."""
+_LED = 0.5
+"""Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
+before, and letting go of what is far off would let go of the way: such goals are left to the solver."""
 _STANDING, _STILL = 0.05, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
 _DELTA = {"huber": 0.05, "geman_mcclure": 0.03}
@@ -64,27 +63,24 @@ class Natural:
         free = torch.tensor([foot not in _asked(objective) for foot in _FEET])
         self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
         self._stretched = bone_errors(before)
-        self._led = any(get_goal(t.goal).pulls and _share(t, before, context) >= LED for t in objective.counted)
+        self._led = any(get_goal(t.goal).pulls and _share(t, before, context) >= _LED for t in objective.counted)
 
     @torch.no_grad()
-    def strained(self, after: Motion, lift: float | None = None) -> Bool[Tensor, " S"]:
+    def strained(self, after: Motion, leniency: float = 1.0) -> Bool[Tensor, " S"]:
         """Samples with longer or shorter bones than before, or with a foot in the air that stood.
 
-        A foot that a goal asks for may be lifted. `lift` (m) is how far one may be lifted that stood, by default
-        `LIFT`, or `FLOWN` where goals lead all along.
+        None where goals lead the body along most of its way. A foot that a goal asks for may be lifted. All limits are
+        so many times as wide as `leniency` says.
         """
-        lift = lift or (FLOWN if self._led else LIFT)
-        now, before = bone_errors(after), self._stretched
+        now, before, lift = bone_errors(after), self._stretched, leniency * LIFT
         if self._led:
-            return (now.amax(-1) > before.amax(-1) + SNAPPED) | (self.lift(after) > lift)
-        longer = (now.mean(-1) > before.mean(-1) + STRETCH) | (now.amax(-1) > before.amax(-1) + TORN)
-        return longer | (self.lift(after) > lift)
+            return torch.zeros_like(now[:, 0], dtype=torch.bool)
+        stretched = now.mean(-1) > before.mean(-1) + leniency * STRETCH
+        torn = now.amax(-1) > before.amax(-1) + leniency * TORN
+        return stretched | torn | (self.lift(after) > lift)
 
     def lift(self, after: Motion) -> Float[Tensor, " S"]:
-        """The most (m) by which a foot that stood before is higher now; the lower one, where goals lead all along."""
-        if self._led:
-            low = after.select(_FEET)[..., 1].amin(-1) - self._feet[..., 1].amin(-1)
-            return (low * self._stands.any(-1)).amax(-1)
+        """The most (m) by which a foot that stood before is higher now."""
         up = after.select(_FEET)[..., 1] - self._feet[..., 1]
         return (up * self._stands).amax((-2, -1))
 
