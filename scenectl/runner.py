@@ -236,12 +236,13 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
 
 
 def _ranked(made: Generation, problem: Problem, scorer: Scorer, tell: Progress) -> tuple[Motion, list[Sample]]:
-    """Motions and their rows, the least cost first; a cost that is not a number comes last."""
+    """Motions and their rows: those that meet all goals first, then by cost; one that is not a number comes last."""
     objective, context = problem.objective, problem.context
     with torch.no_grad():
         costs = objective.cost(made.motion, context)
         before = None if made.unrefined is None else objective.cost(made.unrefined, context)
-    order = torch.argsort(costs.nan_to_num(nan=torch.inf)).tolist()
+    met = objective.met(made.motion, context).tolist()
+    order = sorted(range(len(met)), key=lambda i: (not met[i], float(costs[i].nan_to_num(nan=torch.inf))))
     terms = objective.report(made.motion, context)
     rows = []
     for done, index in enumerate(order):

@@ -25,7 +25,7 @@ LIFT = 0.03
 """Metres by which a foot that stood may be lifted."""
 SOLVED, LENIENCY = 1e-3, 3.0
 """Where refinement leaves no more than this share of the goals' cost, so many times as much is borne."""
-_LED = 0.5
+_LED = 0.2
 """Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
 before, and letting go of what is far off would let go of the way: such goals are left to the solver."""
 _STANDING, _STILL = 0.05, 0.02

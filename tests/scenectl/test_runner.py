@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+import torch
 
 import scenectl as sc
 from objectives import forget
 from scenectl.control import SolverSettings
 from scenectl.runner import FORMAT, allow_code, load_result, run, score
 from scenes.errors import UserError
-from scenes.motion import Motion
+from scenes.motion import Motion, Pose2D
 from scenes.primitives import Box
 from scenes.scene import Scene
+from scenes.skeleton import HUMANML3D
 
 TASK = """
 prompt = "a statue slides"
@@ -77,6 +80,25 @@ def test_samples_come_in_the_order_of_their_cost(task_file: Path, tiny: ModuleTy
     assert costs == sorted(costs) and len(set(costs)) == 8
     assert [sample.cost for sample in result.samples] == pytest.approx(costs)
     assert [sample.index for sample in result.samples] != list(range(8))
+
+
+def test_a_sample_that_meets_all_goals_comes_before_a_cheaper_one_that_does_not(tiny: ModuleType) -> None:
+    task = sc.Task(
+        prompt="walks", seconds=2.0,
+        goals=[
+            sc.Term("joint_target", {"position": [0.0, 0.0]}, at=1.0, weight=100.0, tolerance=0.5, name="loose"),
+            sc.Term("joint_target", {"joint": "head", "position": [0.0, 0.0]}, at=1.9, weight=0.01, tolerance=0.4),
+        ],
+    )  # fmt: skip
+    one = tiny.TinyGenerator().generate("walks", 2.0, Pose2D(), None, 1, 0).motion
+    still = one.joints[:, :1].expand_as(one.joints)
+    still = still - still[:, :, :1] * torch.tensor([1.0, 0.0, 1.0])
+    head = still.clone()
+    head[:, 38, HUMANML3D.index("head")] += torch.tensor([1.0, 0.0, 0.0])  # cheap, and not met
+    off = still + torch.tensor([0.05, 0.0, 0.0])  # dearer, and met
+    result = score(replace(one, joints=torch.cat([head, off]), valid=one.valid.expand(2, -1)), task)
+    assert [sample.met for sample in result.samples] == [True, False]
+    assert result.samples[0].cost > result.samples[1].cost
 
 
 def test_same_seed_same_motion(task_file: Path, tiny: ModuleType) -> None:
