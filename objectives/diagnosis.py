@@ -44,8 +44,8 @@ class _Target:
 def diagnosis(objective: Objective, motion: Motion, context: Context) -> str | None:
     """What is not met and why, in a sentence, of one motion ``[T, J, 3]``; None where all is met.
 
-    A target is out of reach by what no body could make up for: the length of its limbs from the ground, from the start
-    or from another target at `FASTEST`.
+    A target is out of reach by what no body could make up for: the ground below it, the length of its limbs from there,
+    from the start or from another target at `FASTEST`.
     """
     with torch.no_grad():
         targets = [target for term in objective.counted for target in _targets(term, motion, context)]
@@ -104,7 +104,7 @@ def _conflicts(target: _Target, targets: list[_Target], motion: Motion) -> list[
     skeleton, here = motion.skeleton, torch.tensor(target.place)
     ground = float(motion.joints[..., 1].amin())
     reach = skeleton.span("left_foot", target.joint) + LEAP
-    found = [(target.place[1] - ground - reach, "")]
+    found = [(target.place[1] - ground - reach, ""), (ground - target.place[1], "")]
     begin = motion.joint("pelvis")[0].to(here)
     way = skeleton.span("pelvis", target.joint) + FASTEST * (target.time - motion.t0)
     found.append((float((here - begin).norm()) - way, "of the start"))

@@ -222,13 +222,16 @@ def normalised(bench: Bench, tell: Tell) -> list[Path]:
 
 
 def losses(bench: Bench, tell: Tell) -> list[Path]:
-    """Residual losses: joint positions, velocities, feet."""
-    silent = {f"tokenizer.reconstruction.{name}": 0.0 for name in ("joints", "feet", "velocities", "contacts")}
+    """Residual losses: joint positions, velocities, feet, amplitudes."""
+    silent = {
+        f"tokenizer.reconstruction.{name}": 0.0 for name in ("joints", "feet", "velocities", "contacts", "amplitudes")
+    }
     changes = {
         "recipe": {},
         "features-only": silent,
         "joints": {**silent, "tokenizer.reconstruction.joints": 4.0},
-        "velocities": {"tokenizer.reconstruction.velocities": 10.0},
+        "no-velocities": {"tokenizer.reconstruction.velocities": 0.0},
+        "no-amplitudes": {"tokenizer.reconstruction.amplitudes": 0.0},
         "contacts": {"tokenizer.reconstruction.contacts": 10.0},
         "no-root": {"tokenizer.reconstruction.root": 0.0},
     }

@@ -43,6 +43,12 @@ def test_a_target_above_any_reach_is_out_of_it_by_the_rest() -> None:
     assert said is not None and said.startswith("target 2 (left wrist, 1.00 s) is 38 cm out of reach; met to ")
 
 
+def test_a_target_below_the_ground_is_out_of_reach_by_its_depth() -> None:
+    down = float(motion().joint("left_wrist")[0, 1] - motion().joints[..., 1].min()) + 0.42
+    said = diagnosis(Objective((wrist([0.5, 1.0], {1: [0.0, -down, 0.0]}),)), motion(), context())
+    assert said is not None and said.startswith("target 2 (left wrist, 1.00 s) is 42 cm out of reach; met to ")
+
+
 def test_a_target_too_far_from_the_start_or_from_another_is_out_of_reach() -> None:
     far = 8.0 * 0.5 + HUMANML3D.span("pelvis", "left_wrist") + 3.0
     said = diagnosis(Objective((wrist([0.5], {0: [0.0, 0.0, far]}),)), motion(), context())
