@@ -129,7 +129,11 @@ def test_control_reaches_what_chance_does_not() -> None:
     puppet = Puppet()
     seen: list[float] = []
     result = bench_progmogen(
-        puppet, PROMPTS, seed=7, solver=SolverSettings(iterations=60, prior=1e-4), progress=lambda _, x: seen.append(x)
+        puppet,
+        PROMPTS,
+        seed=7,
+        solver=SolverSettings(iterations=60, prior=1e-4, natural=False),
+        progress=lambda _, x: seen.append(x),
     )
     for task in ("hsi1", "hsi2", "hsi3"):
         summary = result["summary"][task]
