@@ -17,6 +17,7 @@ from torch import Tensor
 from objectives import Context, Objective, Term
 from scenectl.bench.keyframes import FAILED, JOINTS, usable_clips
 from scenectl.control import ObjectiveGuide, SolverSettings
+from scenectl.control.natural import bone_errors
 from scenectl.data.corpus import Clip
 from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generation, Guide, Progress, Step
@@ -272,7 +273,7 @@ def _row(method: str, case: Case, motion: Motion, before: Motion, seconds: float
         "average_error_m": float(error.mean()),
         "location_error": float((error > FAILED).float().mean()),
         "moved_m": float(moved),
-        "bone_error_m": _bone_error(motion),
+        "bone_error_m": float(bone_errors(motion).mean()),
         "max_acceleration_m_per_frame2": float(max_acceleration(motion[0])),
         "skating_ratio": float(skating_ratio(motion[0])),
     }
@@ -280,13 +281,6 @@ def _row(method: str, case: Case, motion: Motion, before: Motion, seconds: float
 
 def _errors(case: Case, motion: Motion) -> Float[Tensor, " K"]:
     return (motion[0].joint(case.joint)[case.at] - case.wanted).norm(dim=-1)
-
-
-def _bone_error(motion: Motion) -> float:
-    """Mean distance (m) of bones from the skeleton's lengths, over bones and frames."""
-    parents, children = (list(side) for side in zip(*HUMANML3D.bones, strict=True))
-    lengths = (motion.joints[..., children, :] - motion.joints[..., parents, :]).norm(dim=-1)
-    return float((lengths - torch.as_tensor(HUMANML3D.bone_lengths[children]).to(lengths)).abs().mean())
 
 
 _MEDIANS = ("seconds", "refine_seconds", "passes")

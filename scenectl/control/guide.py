@@ -53,19 +53,14 @@ class ObjectiveGuide:
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         """Minus the objective's cost (Eq. 40), times the guidance scale."""
-        motion = step.decode(step.value)
-        if self.start is not None:
-            motion = self.start.moved(motion, self.start.fit(motion, self._cost))
-        return -self.guidance.scale * self._cost(motion)
+        return -self.guidance.scale * self._cost(self._begun(step.decode(step.value)))
 
     def gradient(self, step: Step) -> Float[Tensor, "S *v"]:
         """Gradient of `log_prob` in the step's value; samples are independent, so one backward pass serves all."""
         value = step.value.detach().requires_grad_(True)
         with torch.enable_grad():
-            motion = step.decode(value)
-            if self.start is not None:
-                motion = self.start.moved(motion, self.start.fit(motion, self._cost))
-            (gradient,) = torch.autograd.grad(self._cost(motion).sum(), value)
+            cost = self._cost(self._begun(step.decode(value)))
+            (gradient,) = torch.autograd.grad(cost.sum(), value)
         # One frame that is not a number must not silence the whole tilt.
         return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
 
@@ -89,6 +84,10 @@ class ObjectiveGuide:
         before = self.start.moves if self.start.before is None else self.start.before
         unrefined = None if made.unrefined is None else self.start.moved(made.unrefined, before)
         return replace(made, motion=self.start.moved(made.motion, self.start.moves), unrefined=unrefined)
+
+    def _begun(self, motion: Motion) -> Motion:
+        """The motion from where it had best begin, if that is free."""
+        return motion if self.start is None else self.start.moved(motion, self.start.fit(motion, self._cost))
 
     def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
         return self.objective.cost(motion, self.context)

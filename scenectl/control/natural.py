@@ -15,8 +15,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from objectives import Assessed, Context, Objective, Term, get_goal
+from objectives import Assessed, Context, Objective, Term
+from objectives.library.scene import foot_heights
 from scenectl.control.settings import SolverSettings
+from scenectl.metrics import FEET
 from scenes.motion import Motion
 
 STRETCH, TORN = 0.005, 0.02
@@ -34,7 +36,6 @@ _DELTA = {"huber": 0.05, "geman_mcclure": 0.03}
 """Metres beyond which a target pulls no harder, and beyond which it pulls less and less."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
-_FEET = ("left_foot", "right_foot")
 _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
@@ -57,13 +58,13 @@ class Natural:
         self.objective = Objective((*_with_kernel(objective, "huber"), *_BODY))
         self.without_outliers = Objective(_with_kernel(objective, "geman_mcclure"))
         self._goals = objective
-        self._feet = before.select(_FEET)
-        height = context.scene.distance(self._feet, before.times[:, None]) - context.body.sole_offset
+        self._feet = before.select(FEET)
+        height = foot_heights(self._feet, before, context)
         moved = torch.nn.functional.pad(self._feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
-        free = torch.tensor([foot not in _asked(objective) for foot in _FEET])
+        free = torch.tensor([foot not in _asked(objective) for foot in FEET])
         self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
         self._stretched = bone_errors(before)
-        self._led = any(get_goal(t.goal).pulls and _share(t, before, context) >= _LED for t in objective.counted)
+        self._led = any(t.spec.pulls and _share(t, before, context) >= _LED for t in objective.counted)
 
     @torch.no_grad()
     def strained(self, after: Motion, leniency: float = 1.0) -> Bool[Tensor, " S"]:
@@ -81,8 +82,7 @@ class Natural:
 
     def lift(self, after: Motion) -> Float[Tensor, " S"]:
         """The most (m) by which a foot that stood before is higher now."""
-        up = after.select(_FEET)[..., 1] - self._feet[..., 1]
-        return (up * self._stands).amax((-2, -1))
+        return self._raised(after).amax((-2, -1))
 
     def met(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:
         """Which samples have every goal met by a body that isn't strained."""
@@ -101,8 +101,11 @@ class Natural:
 
     def _footing(self, motion: Motion) -> Float[Tensor, "S T 2"]:
         """Rows on standing feet that are lifted."""
-        up = (motion.select(_FEET)[..., 1] - self._feet[..., 1]).clamp_min(0.0)
-        return _FOOT**0.5 * up * self._stands
+        return _FOOT**0.5 * self._raised(motion).clamp_min(0.0)
+
+    def _raised(self, motion: Motion) -> Float[Tensor, "S T 2"]:
+        """How much higher (m) each foot is than when it stood; 0 where it didn't."""
+        return (motion.select(FEET)[..., 1] - self._feet[..., 1]) * self._stands
 
 
 def approach(settings: SolverSettings) -> SolverSettings:
@@ -134,7 +137,7 @@ def _with_kernel(objective: Objective, kernel: str) -> tuple[Term, ...]:
     """The terms, with another kernel for those that pull the harder the further off a target is."""
     return tuple(
         replace(term, kernel=kernel, delta=_DELTA[kernel])
-        if get_goal(term.goal).pulls and (term.kernel or term.spec.kernel) == "squared"
+        if term.spec.pulls and (term.kernel or term.spec.kernel) == "squared"
         else term
         for term in objective.counted
     )
