@@ -344,7 +344,7 @@ def gallery(
 
 def train(
     stage: Annotated[
-        str, typer.Argument(help="all, tokenizer, decoder, refiner, transformer, export, sweep or evaluator.")
+        str, typer.Argument(help="all, tokenizer, decoder, refiner, transformer, export, metric, sweep or evaluator.")
     ],
     data: Data = DATA,
     config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",
@@ -358,7 +358,7 @@ def train(
     from scenectl.training.command import STAGES
     from scenectl.training.command import train as learn
 
-    known = ("all", *STAGES)
+    known = ("all", *STAGES, "metric")
     if stage == "sweep":
         _sweep(data, config, output, iterations, threads, device)
         return

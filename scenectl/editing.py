@@ -138,6 +138,10 @@ class Keeping:
 
         return minimise(Problem(cost, start, done), self.solver).value.unflatten(1, shape[1:])
 
+    def finish(self, made: Generation) -> Generation:
+        """As it is: what is kept is put back by `settled`."""
+        return made
+
 
 def near(mask: Bool[Tensor, " T"], frames: int) -> Bool[Tensor, " T"]:
     """Where the mask is true at most so many frames away."""

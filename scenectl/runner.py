@@ -143,7 +143,6 @@ def run(
         seed,
         progress,
     )
-    made = guide.placed(made)
     clock.lap("generate_s")
     tell("measuring", 0.0)
     motion, rows = _ranked(made, problem, scorer or Scorer(problem.scene, problem.body), tell)

@@ -217,7 +217,7 @@ class GeneratorSpec(_Table):
         threads: for its arithmetic; by default what torch chooses.
         cfg: scale of classifier-free guidance.
         temperature, top_p: of the draw.
-        clip_nats: largest tilt that goals may give a token's logits.
+        clip_nats: largest tilt that goals may give a token's logits (`scenectl.generators.mscot.Sampling`).
 
     What is left out is the generator's own default.
     """

@@ -115,6 +115,12 @@ class _Timed:
         self.seconds = time.perf_counter() - began
         return refined
 
+    def finish(self, made: Generation) -> Generation:
+        began = time.perf_counter()
+        finished = self.guide.finish(made)
+        self.seconds += time.perf_counter() - began
+        return finished
+
 
 class ControlMM(MSCoT):
     """MSCoT's tokens under ControlMM's control: AdamW on each scale's logits instead of one tilt."""
@@ -228,20 +234,26 @@ def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell:
 
     def ascent(step: float) -> Way:
         endless = SolverSettings(
-            name="gradient", iterations=PAPER_STEPS, step=step, prior=0.0, patience=PAPER_STEPS + 1, natural=False
+            name="gradient",
+            iterations=PAPER_STEPS,
+            step=step,
+            prior=0.0,
+            patience=PAPER_STEPS + 1,
+            natural=False,
+            polish=False,
         )
         return solved(endless, 0.0)
 
     def controlmm(case: Case) -> tuple[Generation, float, int]:
-        timed = _Timed(case.guide(SolverSettings(), 0.0))
+        timed = _Timed(case.guide(SolverSettings(polish=False), 0.0))
         made = case.generate(rival, timed)
         return made, timed.seconds, scales * LOGIT_STEPS + EMBEDDING_STEPS
 
     ways: dict[str, Way] = {
         "paper": ascent(PAPER_STEP),
         "controlmm": controlmm,
-        "adam": solved(SolverSettings(name="adam", iterations=PAPER_STEPS, natural=False)),
-        "lbfgs": solved(SolverSettings(name="lbfgs", iterations=PAPER_STEPS, natural=False)),
+        "adam": solved(SolverSettings(name="adam", iterations=PAPER_STEPS, natural=False, polish=False)),
+        "lbfgs": solved(SolverSettings(name="lbfgs", iterations=PAPER_STEPS, natural=False, polish=False)),
         "scenectl": solved(SolverSettings()),
     }
     if "paper-best-step" in methods:

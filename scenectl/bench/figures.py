@@ -152,7 +152,7 @@ def guided_scales(generator: MSCoT, seed: int = 0) -> Guided:
     expected: list[Motion] = []
 
     def look(tilt: Tilt) -> None:
-        posterior = (tilt.prior + clipped(tilt.first_order, generator.sampling.clip_nats)).log_softmax(-1)
+        posterior = (tilt.prior + clipped(tilt.first_order, tilt.nats[:, None, None])).log_softmax(-1)
         with torch.no_grad():
             expected.append(tilt.step.decode(posterior.exp() @ tilt.codes))
         tilts.append(tilt)

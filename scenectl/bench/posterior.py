@@ -65,7 +65,7 @@ def bench_posterior(
             length = tilt.prior.shape[1]
             for at in torch.randint(length, (positions,), generator=draw).tolist():
                 about = {"scale": float(tilt.k + 1), "positions": float(length)}
-                found.append({**about, **_compare(tilt, guide, at, generator.sampling.clip_nats)})
+                found.append({**about, **_compare(tilt, guide, at)})
 
         observed = MSCoT(generator.bundle, generator.sampling, look)
         observed.generate(prompt, SECONDS, Pose2D(), guide, 1, seed + i)
@@ -87,12 +87,12 @@ def _keyframes(generator: MSCoT, prompt: str, seed: int, draw: torch.Generator) 
 
 
 @torch.no_grad()
-def _compare(tilt: Tilt, guide: ObjectiveGuide, at: int, clip: float) -> dict[str, float]:
+def _compare(tilt: Tilt, guide: ObjectiveGuide, at: int) -> dict[str, float]:
     prior, first = tilt.prior[:, at], tilt.first_order[:, at]
-    exact = exact_tilt(tilt.step, guide, tilt.codes, at)
+    exact, nats = exact_tilt(tilt.step, guide, tilt.codes, at), tilt.nats[:, None]
     distance = (tilt.codes - tilt.step.value[0, at]).norm(dim=-1).max()
     return {
-        "kl_nats": _kl(prior + clipped(exact, clip), prior + clipped(first, clip)),
+        "kl_nats": _kl(prior + clipped(exact, nats), prior + clipped(first, nats)),
         "kl_unclipped_nats": _kl(prior + exact, prior + first),
         "code_distance": float(distance),
     }

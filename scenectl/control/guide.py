@@ -11,6 +11,7 @@ from torch import Tensor
 
 from objectives import Context, Objective
 from scenectl.control.natural import LENIENCY, SOLVED, Natural, approach, finish
+from scenectl.control.polish import SmoothStep, bearable, loosened
 from scenectl.control.problem import Problem, Reason, Solution
 from scenectl.control.residuals import Residuals
 from scenectl.control.settings import GuidanceSettings, SolverSettings
@@ -50,6 +51,7 @@ class ObjectiveGuide:
         self.solver, self.guidance = solver or SolverSettings(), guidance or GuidanceSettings()
         self.progress = progress
         self.solution: Solution | None = None
+        self._refinable = loosened(objective) if self.solver.polish else objective
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         """Minus the objective's cost (Eq. 40), times the guidance scale."""
@@ -77,13 +79,32 @@ class ObjectiveGuide:
         self.start.moves = found[:, -UNKNOWNS:]
         return found[:, :-UNKNOWNS].reshape(step.value.shape)
 
-    def placed(self, made: Generation) -> Generation:
-        """What a generator made, moved to the start that was found for it."""
-        if self.start is None or self.start.moves is None:
+    def finish(self, made: Generation) -> Generation:
+        """What a generator made, moved to the start that was found for it, and polished."""
+        if self.start is not None and self.start.moves is not None:
+            before = self.start.moves if self.start.before is None else self.start.before
+            unrefined = None if made.unrefined is None else self.start.moved(made.unrefined, before)
+            made = replace(made, motion=self.start.moved(made.motion, self.start.moves), unrefined=unrefined)
+        if self.solution is None or not self.solver.polish:
             return made
-        before = self.start.moves if self.start.before is None else self.start.before
-        unrefined = None if made.unrefined is None else self.start.moved(made.unrefined, before)
-        return replace(made, motion=self.start.moved(made.motion, self.start.moves), unrefined=unrefined)
+        return replace(made, motion=self._polished(made.motion))
+
+    @torch.no_grad()
+    def _polished(self, motion: Motion) -> Motion:
+        """The last centimetre of those samples that have no more than that to go (`scenectl.control.polish`)."""
+        assert self.solution is not None
+        near = self._refinable.met(motion, self.context) & ~self.objective.met(motion, self.context)
+        if not near.any():
+            return motion
+        some = replace(motion, joints=motion.joints[near], valid=motion.valid[near])
+        step = SmoothStep.of(some)
+        found = self._solved(step, step.value, self.objective, self.solver, self._pass_counter())
+        after = step.decode(found.value.view_as(step.value))
+        better = bearable(some, after) & (self._cost(after) < self._cost(some))
+        joints = motion.joints.clone()
+        joints[near] = torch.where(better[:, None, None, None], after.joints, some.joints)
+        self.solution.unfinished(near.nonzero()[:, 0][~(better & self.objective.met(after, self.context))])
+        return replace(motion, joints=joints)
 
     def _begun(self, motion: Motion) -> Motion:
         """The motion from where it had best begin, if that is free."""
@@ -96,11 +117,11 @@ class ObjectiveGuide:
         if self.solver.iterations == 0:
             return step.value.detach()
         tell = self._pass_counter()
-        self.solution = self._solved(step, step.value, self.objective, self.solver, tell)
+        self.solution = self._solved(step, step.value, self._refinable, self.solver, tell)
         refined = self.solution.value.view_as(step.value)
         if not self.solver.natural:
             return refined
-        natural = Natural(self.objective, step.motion, self.context)
+        natural = Natural(self._refinable, step.motion, self.context)
         after, gone = step.at(refined).motion, torch.tensor([r == "abandoned" for r in self.solution.reasons])
         # What is met, or nearly, stays so for all that a foot is a little higher or a bone a little longer.
         solved = self._cost(after) <= SOLVED * self._cost(step.motion)
@@ -113,15 +134,26 @@ class ObjectiveGuide:
     def _eased(self, step: Step, strained: Int[Tensor, " s"], tell: Callable[[], None]) -> None:
         """Solve anew for the samples that were strained, of which `step` holds the generator's own values."""
         assert self.solution is not None
-        natural = Natural(self.objective, step.motion, self.context)
+        natural = Natural(self._refinable, step.motion, self.context)
         gentle = self._solved(step, step.value, natural, approach(self.solver), tell)
         self.solution.replace(gentle, strained, torch.ones_like(strained, dtype=torch.bool), "strained")
         begin = gentle.value.view_as(step.value)
-        stages: list[tuple[Objective, Reason | None]] = [(natural.without_outliers, "strained"), (self.objective, None)]
-        for goals, reason in stages:
-            found = self._solved(step, begin, goals, finish(self.solver), tell)
-            bears = ~natural.strained(step.at(found.value.view_as(step.value)).motion)
-            self.solution.replace(found, strained, bears, reason)
+        freed = self._solved(step, begin, natural.letting_go(), approach(self.solver), tell)
+        within = self._taken(step, freed, natural, strained, "strained")
+        stages: list[tuple[Tensor, Objective, Reason | None]] = [
+            (within, natural.without_outliers, "strained"), (begin, self._refinable, None)
+        ]  # fmt: skip
+        for first, goals, reason in stages:
+            self._taken(step, self._solved(step, first, goals, finish(self.solver), tell), natural, strained, reason)
+
+    def _taken(
+        self, step: Step, found: Solution, natural: Natural, samples: Int[Tensor, " s"], reason: Reason | None = None
+    ) -> Float[Tensor, "S *v"]:
+        """The values found, which are those of the solution from now on where a body bears them."""
+        assert self.solution is not None
+        value = found.value.view_as(step.value)
+        self.solution.replace(found, samples, ~natural.strained(step.at(value).motion), reason)
+        return value
 
     def _solved(
         self,

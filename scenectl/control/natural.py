@@ -3,12 +3,14 @@
 The paper's failure cases (its Fig. 10) come from solving harder than a body can. Where a search ended in a strained
 body, refinement begins again from the generator's own value with three things changed: goals that pull (targets) pull
 no harder however far they are (Huber); bones, joint limits, jerks and skating have a cost; feet that stood stay down.
-From there the goals are solved for once more, with all targets, or else without those that are still far off (Geman
-and McClure's kernel), whichever a body bears.
+From there what is hopeless is let go of, still with the body's costs (Geman and McClure's kernel, whose pull fades with
+distance). At last the goals alone are solved for, with all targets, or else without those that are still far off,
+whichever a body bears.
 """
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import torch
@@ -16,6 +18,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives import Assessed, Context, Objective, Term
+from objectives.kernels import Kernel
 from objectives.library.scene import foot_heights
 from scenectl.control.settings import SolverSettings
 from scenectl.metrics import FEET
@@ -32,8 +35,10 @@ _LED = 0.2
 before, and letting go of what is far off would let go of the way: such goals are left to the solver."""
 _STANDING, _STILL = 0.05, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
-_DELTA = {"huber": 0.05, "geman_mcclure": 0.03}
-"""Metres beyond which a target pulls no harder, and beyond which it pulls less and less."""
+_HELD = 0.05
+"""Metres beyond which a target pulls no harder."""
+FAR, OFF = 0.3, 0.03
+"""Metres beyond which a target pulls less and less: first only what is hopeless is let go of, then what is missed."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
 _BODY = (
@@ -51,13 +56,11 @@ class Natural:
 
     Attributes:
         objective: the goals, with those that pull held back, and a cost on bones, joint limits, jerks and skating.
-        without_outliers: the goals alone, of which those that pull let go of what is far off.
     """
 
     def __init__(self, objective: Objective, before: Motion, context: Context) -> None:
-        self.objective = Objective((*_with_kernel(objective, "huber"), *_BODY))
-        self.without_outliers = Objective(_with_kernel(objective, "geman_mcclure"))
         self._goals = objective
+        self.objective = self._with_body("huber", _HELD)
         self._feet = before.select(FEET)
         height = foot_heights(self._feet, before, context)
         moved = torch.nn.functional.pad(self._feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
@@ -65,6 +68,20 @@ class Natural:
         self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
         self._stretched = bone_errors(before)
         self._led = any(t.spec.pulls and _share(t, before, context) >= _LED for t in objective.counted)
+
+    def letting_go(self) -> Natural:
+        """The same with goals that pull less and less where they are further off than `FAR`."""
+        other = copy(self)
+        other.objective = self._with_body("geman_mcclure", FAR)
+        return other
+
+    @property
+    def without_outliers(self) -> Objective:
+        """The goals alone, of which those that pull let go of what is further off than `OFF`."""
+        return Objective(_with_kernel(self._goals, "geman_mcclure", OFF))
+
+    def _with_body(self, kernel: Kernel, delta: float) -> Objective:
+        return Objective((*_with_kernel(self._goals, kernel, delta), *_BODY))
 
     @torch.no_grad()
     def strained(self, after: Motion, leniency: float = 1.0) -> Bool[Tensor, " S"]:
@@ -133,10 +150,10 @@ def _asked(objective: Objective) -> set[str]:
     return named
 
 
-def _with_kernel(objective: Objective, kernel: str) -> tuple[Term, ...]:
+def _with_kernel(objective: Objective, kernel: Kernel, delta: float) -> tuple[Term, ...]:
     """The terms, with another kernel for those that pull the harder the further off a target is."""
     return tuple(
-        replace(term, kernel=kernel, delta=_DELTA[kernel])
+        replace(term, kernel=kernel, delta=delta)
         if term.spec.pulls and (term.kernel or term.spec.kernel) == "squared"
         else term
         for term in objective.counted

@@ -105,6 +105,12 @@ class Solution:
                 self.reasons[mine] = reason or other.reasons[theirs]
         self.evaluations += other.evaluations
 
+    def unfinished(self, samples: Int[Tensor, " s"]) -> None:
+        """Samples that counted as met, and are not."""
+        for sample in samples.tolist():
+            if self.reasons[sample] == "met":
+                self.reasons[sample] = "no progress"
+
 
 _ASK_EVERY = 5
 """Steps after which a problem is asked whether all is met."""

@@ -36,6 +36,8 @@ class SolverSettings(BaseModel):
             to 1 where only the best of several samples is wanted.
         natural: where goals could be met only by stretching bones or lifting feet that stood, refine once more with
             pulls that don't grow with distance and a cost on both (`scenectl.control.natural`).
+        polish: leave the last centimetre of targets to a smooth move of joints, which needs no decoder
+            (`scenectl.control.polish`).
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -48,3 +50,4 @@ class SolverSettings(BaseModel):
     progress: float = Field(default=1e-4, gt=0)
     enough: int | None = Field(default=None, ge=1)
     natural: bool = True
+    polish: bool = True

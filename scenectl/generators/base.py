@@ -73,6 +73,10 @@ class Guide(Protocol):
         """A value near the step's own that meets the goals better (Eq. 12)."""
         ...
 
+    def finish(self, made: Generation) -> Generation:
+        """The guide's last word, in joints, on what a generator made: handed to it at the end, and returned."""
+        ...
+
 
 @dataclass(frozen=True)
 class Generation:

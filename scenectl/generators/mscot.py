@@ -29,6 +29,9 @@ MAX_SECONDS = 60.0
 SEAM = 10.0
 """Certainty with which a window follows its neighbour: `closeness` is counted so many times over."""
 
+_COARSEST = 0.25
+"""Share of `Sampling.clip_nats` by which a motion's coarsest scale may be tilted, at least."""
+
 
 class Sampling(BaseModel):
     """How tokens are drawn.
@@ -39,8 +42,8 @@ class Sampling(BaseModel):
         temperature: of the softmax.
         top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
             is kept; 1 keeps all.
-        clip_nats: largest spread of a position's tilt between codes (nats): an unclipped tilt can
-            overrule the prior altogether at the coarse scales. 0 leaves it as it is.
+        clip_nats: largest spread of a position's tilt between codes (nats) at the finest scale: an unclipped tilt can
+            overrule the prior altogether. Coarser scales may be tilted less (`clip_at`). 0 leaves tilts as they are.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -49,6 +52,16 @@ class Sampling(BaseModel):
     temperature: float = Field(default=0.7, gt=0)
     top_p: float = Field(default=0.95, gt=0, le=1)
     clip_nats: float = Field(default=20.0, ge=0)
+
+    def clip_at(self, k: int, scales: int, samples: int) -> Float[Tensor, " S"]:
+        """Largest spread (nats) of every sample's tilt at scale k of so many, from 0.
+
+        A coarse token moves the whole motion: a body that is pushed there slides to a few keyframes, and one that is
+        not finds no way around a wall. So the first sample's limit grows evenly from a quarter of `clip_nats` at the
+        coarsest scale, the last one's is the same at all, and those of samples in between lie in between.
+        """
+        coarsest = torch.linspace(_COARSEST, 1.0, samples) if samples > 1 else torch.tensor([_COARSEST])
+        return self.clip_nats * (coarsest + (1 - coarsest) * k / max(scales - 1, 1))
 
 
 @dataclass
@@ -89,6 +102,7 @@ class Tilt:
         prior: log-probabilities before guidance, ``[S, L_k, V]``.
         first_order: log-likelihood of every code to first order (Eq. 10), up to a constant and unclipped.
         codes: embeddings of the codes at this scale, ``[V, d]``.
+        nats: spread to which each sample's tilt is clipped, ``[S]``.
     """
 
     k: int
@@ -96,6 +110,7 @@ class Tilt:
     prior: Float[Tensor, "S L_k V"]
     first_order: Float[Tensor, "S L_k V"]
     codes: Float[Tensor, "V d"]
+    nats: Float[Tensor, " S"]
 
 
 class MSCoT:
@@ -181,7 +196,8 @@ class MSCoT:
         if guide is None:
             return Generation(motion, None, trace)
         refined = self._refine(state, guide)
-        return Generation(self._decode(state, refined), motion, {**trace, **self._latent_move(state, refined)})
+        trace |= self._latent_move(state, refined)
+        return guide.finish(Generation(self._decode(state, refined), motion, trace))
 
     def _frames(self, prompt: str, seconds: float, samples: int) -> int:
         shortest = MIN_FRAMES / FPS
@@ -248,9 +264,10 @@ class MSCoT:
         mean = prior.exp() @ codes
         step = self._step(state, mean, lambda e: [*state.refined, e])
         first_order = guide.gradient(step) @ codes.T
+        nats = self.sampling.clip_at(k, self.quantiser.scales, len(prior)).to(prior)
         if self.observer is not None:
-            self.observer(Tilt(k, step, prior, first_order, codes))
-        posterior = (prior + clipped(first_order, self.sampling.clip_nats)).log_softmax(-1)
+            self.observer(Tilt(k, step, prior, first_order, codes, nats))
+        posterior = (prior + clipped(first_order, nats[:, None, None])).log_softmax(-1)
         state.moved.append(float((posterior.exp() * (posterior - prior)).sum(-1).mean()))
         return posterior
 
@@ -276,10 +293,15 @@ class MSCoT:
         return windows.join(self.quantiser.latent([windows.rows(e) for e in embeddings], state.finest))
 
     def _refine(self, state: _State, guide: Guide) -> list[Float[Tensor, "S _L_k d"]]:
-        """Continuous refinement of all scales' residuals at once (Eq. 12)."""
-        lengths = [e.shape[1] for e in state.refined]
-        step = self._step(state, torch.cat(state.refined, dim=1), lambda v: list(v.split(lengths, dim=1)))
-        return list(guide.refine(step).split(lengths, dim=1))
+        """Continuous refinement of all scales' residuals at once (Eq. 12), in the metric of the decoder."""
+        lengths, metric = [e.shape[1] for e in state.refined], self.bundle.metric
+        value = torch.cat(state.refined if metric is None else metric.coordinates(state.refined), dim=1)
+
+        def embeddings(value: Float[Tensor, "S M d"]) -> list[Tensor]:
+            parts = list(value.split(lengths, dim=1))
+            return parts if metric is None else metric.embeddings(parts)
+
+        return embeddings(guide.refine(self._step(state, value, embeddings)))
 
     def _latent_move(self, state: _State, refined: list[Tensor]) -> dict[str, object]:
         """How far refinement moved the latent, relative to its size: small where guidance did its work."""
@@ -288,12 +310,11 @@ class MSCoT:
         return {"refinement_moved_latent": moved.tolist()}
 
 
-def clipped(tilt: Float[Tensor, "*b V"], nats: float) -> Float[Tensor, "*b V"]:
-    """The tilt scaled down where its spread over the codes exceeds `nats`; 0 leaves it alone."""
-    if nats == 0:
-        return tilt
+def clipped(tilt: Float[Tensor, "*b V"], nats: float | Tensor) -> Float[Tensor, "*b V"]:
+    """The tilt scaled down where its spread over the codes exceeds `nats` (one, or ``[*b, 1]``); 0 leaves it alone."""
     spread = tilt.amax(-1, keepdim=True) - tilt.amin(-1, keepdim=True)
-    return tilt * (nats / spread.clamp_min(1e-12)).clamp_max(1.0)
+    most = torch.as_tensor(nats, dtype=tilt.dtype)
+    return tilt * torch.where(most > 0, (most / spread.clamp_min(1e-12)).clamp_max(1.0), 1.0)
 
 
 def exact_tilt(step: Step, guide: Guide, codes: Float[Tensor, "V d"], position: int) -> Float[Tensor, "S V"]:

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from scenectl.models.checkpoint import load_weights, read_about
 from scenectl.models.config import ModelConfig
+from scenectl.models.metric import Metric
 from scenectl.models.refiner import Refiner
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.models.transformer import ScaleTransformer
@@ -18,6 +19,8 @@ from scenectl.text import TextEncoder, load_text_encoder
 from scenes.errors import UserError, did_you_mean
 
 PARTS = ("tokenizer", "transformer", "refiner")
+METRIC = "metric.safetensors"
+"""Beside the networks, and measured on them when they are exported."""
 
 _BUNDLED = Path(str(files("scenectl"))) / "weights"
 
@@ -29,6 +32,7 @@ class Bundle:
     Attributes:
         licence: terms of the weights, which follow from the data they were trained on.
         about: the description stored with the weights.
+        metric: coordinates in which refinement searches; None, as in weights that lack it, leaves embeddings alone.
     """
 
     config: ModelConfig
@@ -38,6 +42,7 @@ class Bundle:
     text: TextEncoder
     licence: str
     about: dict[str, Any]
+    metric: Metric | None = None
 
 
 def bundled_weights() -> list[str]:
@@ -78,7 +83,19 @@ def load_bundle(name: str | Path = "default") -> Bundle:
             f"weights in '{folder}' want text features of {config.transformer.text_dim} numbers, and text encoder "
             f"'{config.text}' gives {text.dim}; name the encoder they were trained with"
         )
-    return Bundle(config, tokenizer, transformer, refiner, text, licence, about)
+    return Bundle(config, tokenizer, transformer, refiner, text, licence, about, _metric(folder, config))
+
+
+def _metric(folder: Path, config: ModelConfig) -> Metric | None:
+    """The metric in a folder of weights, or None where it has none; raises UserError for another model's."""
+    path = folder / METRIC
+    if not path.is_file():
+        return None
+    if read_about(path).get("config") != config.model_dump(mode="json"):
+        raise UserError(f"'{path}' belongs to another model; measure it anew with 'scenectl train metric'")
+    metric = Metric(config.tokenizer.code_dim, len(config.tokenizer.scales))
+    load_weights(metric, path)
+    return metric.requires_grad_(False)
 
 
 def build(config: ModelConfig) -> tuple[Tokenizer, ScaleTransformer, Refiner]:

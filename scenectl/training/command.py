@@ -9,7 +9,7 @@ from typing import Literal
 import torch
 from torch import nn
 
-from scenectl.models.bundle import PARTS, build
+from scenectl.models.bundle import METRIC, PARTS, build, load_bundle
 from scenectl.models.checkpoint import save_weights
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.text import TextEncoder, load_text_encoder
@@ -18,6 +18,7 @@ from scenectl.training.dataset import Windows, census
 from scenectl.training.decoder import train_decoder
 from scenectl.training.loop import Loop, LoopSettings
 from scenectl.training.measures import measure_tokenizer
+from scenectl.training.metric import measure_metric
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, load_recipe
 from scenectl.training.refiner import train_refiner
@@ -26,7 +27,7 @@ from scenectl.training.tokenizer import reconstruction_error, train_tokenizer
 from scenectl.training.transformer import cross_entropy_by_scale, train_transformer
 from scenes.errors import UserError
 
-Stage = Literal["all", "tokenizer", "decoder", "refiner", "transformer", "export"]
+Stage = Literal["all", "tokenizer", "decoder", "refiner", "transformer", "export", "metric"]
 STAGES: tuple[Stage, ...] = ("tokenizer", "decoder", "refiner", "transformer", "export")
 
 
@@ -45,8 +46,8 @@ def train(
     A stage goes on where it was killed. Stages need the ones before them in `out`.
 
     Args:
-        stage: "tokenizer", "decoder" (where the recipe has one), "refiner", "transformer", "export" (weights and
-            model card), or "all".
+        stage: "tokenizer", "decoder" (where the recipe has one), "refiner", "transformer", "export" (weights, their
+            metric and model card), or "all"; "metric" measures the metric of exported weights anew.
         data: folder of the motion collection, or of HumanML3D.
         config: name of a bundled recipe, or a TOML file.
         out: folder of the run; a stage's state lies in a folder of its own inside.
@@ -203,5 +204,14 @@ class Run:
             "cross_entropy_by_scale": cross_entropy_by_scale(transformer, tokenizer, encoder, test),
         }
         frames = {"source": census(data, data.sources), "kind": census(data, data.groups)}
+        self.metric()
         hours = (data.recorded_hours, data.hours)
         write_card(folder, self.recipe, loops, frames, hours, (licence, credits), metrics)
+
+    def metric(self) -> None:
+        """Measure in what coordinates refinement of the exported weights searches best, and write that beside them."""
+        folder = self.out / "weights"
+        bundle = load_bundle(folder)
+        metric = measure_metric(bundle.tokenizer, bundle.refiner, self.windows(["train"], True), self.recipe.seed)
+        about = {**bundle.about["tokenizer"], "part": "metric"}
+        save_weights(metric, folder / METRIC, about, half=True)

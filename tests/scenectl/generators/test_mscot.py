@@ -9,8 +9,8 @@ from torch import Tensor
 from objectives import Objective, Term
 from scenectl.control import ObjectiveGuide, SolverSettings
 from scenectl.generators import GENERATORS, Generator, load_generator
-from scenectl.generators.base import Step
-from scenectl.generators.mscot import MSCoT, Sampling, _sample, _State, clipped
+from scenectl.generators.base import Generation, Step
+from scenectl.generators.mscot import MSCoT, Sampling, Tilt, _sample, _State, clipped
 from scenectl.generators.windows import Windows
 from scenectl.models.transformer import Cache
 from scenes.errors import UserError
@@ -43,6 +43,9 @@ class Towards:
     def refine(self, step: Step) -> Tensor:
         self.shown.append(tuple(step.value.shape))
         return step.value + self.shift
+
+    def finish(self, made: Generation) -> Generation:
+        return made
 
 
 def test_it_is_a_generator_and_says_what_it_is(generator: MSCoT) -> None:
@@ -129,9 +132,24 @@ def test_the_tilt_is_clipped_so_that_the_prior_keeps_a_say(pull: float) -> None:
         generator = MSCoT(made, Sampling(clip_nats=nats))
         got = generator.generate("a person walks", 2.0, HERE, Towards(pull), samples=2)
         kl = got.trace["tilt_kl_nats"]
-        assert len(kl) == len(SCALES) and all(0 <= value <= nats for value in kl)  # type: ignore[arg-type,union-attr]
+        most = [float(Sampling(clip_nats=nats).clip_at(k, len(SCALES), 2).mean()) for k in range(len(SCALES))]
+        assert len(kl) == len(SCALES)  # type: ignore[arg-type]
+        assert all(0 <= value <= limit for value, limit in zip(kl, most, strict=True))  # type: ignore[call-overload]
         spreads.append(sum(kl))  # type: ignore[arg-type]
     assert spreads[0] < spreads[1]
+
+
+def test_coarse_scales_are_tilted_less_and_the_first_sample_least() -> None:
+    sampling = Sampling(clip_nats=8.0)
+    most = torch.stack([sampling.clip_at(k, 10, 3) for k in range(10)])
+    assert most[0].tolist() == [2.0, 5.0, 8.0] and most[-1].tolist() == [8.0] * 3
+    assert (most.diff(dim=0) >= 0).all() and (most.diff(dim=1) >= 0).all()
+    assert sampling.clip_at(0, 10, 1).tolist() == [2.0] and not Sampling(clip_nats=0.0).clip_at(0, 10, 3).any()
+    shown: list[Tilt] = []
+    MSCoT(bundle(), sampling, shown.append).generate("a person walks", 2.0, HERE, Towards(1e6), samples=2)
+    assert [t.nats.tolist() for t in shown] == [
+        sampling.clip_at(k, len(SCALES), 2).tolist() for k in range(len(SCALES))
+    ]
 
 
 def test_clipping_keeps_the_order_and_leaves_small_tilts_alone() -> None:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from scenectl.generators.base import Step
+from scenectl.generators.base import Generation, Step
 from scenectl.generators.mscot import MSCoT, Sampling, _State, exact_tilt
 from scenectl.generators.steps import DecodedStep
 from scenectl.generators.windows import Windows
@@ -34,6 +34,9 @@ class Goal:
 
     def refine(self, step: Step) -> Tensor:
         return step.value
+
+    def finish(self, made: Generation) -> Generation:
+        return made
 
 
 class Linear(MSCoT):

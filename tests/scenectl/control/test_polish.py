@@ -1,0 +1,118 @@
+"""The last centimetre: smooth moves that meet targets, products, and what is left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from objectives import Context, Objective, Term
+from scenectl.control import ObjectiveGuide, SolverSettings
+from scenectl.control.natural import bone_errors
+from scenectl.control.polish import REACH, SmoothStep, bearable, loosened
+from scenectl.control.problem import Solution
+from scenectl.generators.base import Generation, Step
+from scenectl.generators.steps import DecodedStep
+from scenectl.metrics import max_acceleration, skating_ratio
+from scenes.body import DEFAULT_BODY
+from scenes.motion import Motion
+from scenes.scene import Scene
+from tests.scenectl.small import walk
+
+CONTEXT = Context(Scene.empty(), DEFAULT_BODY)
+FRAMES = (10, 25, 40)
+
+
+def walkers(samples: int = 2) -> Motion:
+    return Motion(torch.stack([walk(60, 1.0 + 0.2 * i) for i in range(samples)]))
+
+
+def targets(motion: Motion, off: list[float], joint: str = "left_wrist", tolerance: float = 0.001) -> Objective:
+    """Where the joint of the first sample is at some frames, and a little aside."""
+    places = (motion[0].joint(joint)[list(FRAMES)] + torch.tensor(off)).tolist()
+    given = {"joint": joint, "position": places}
+    return Objective((Term("joint_target", given, at=[f / 20 for f in FRAMES], tolerance=tolerance),))
+
+
+def finished(objective: Objective, motion: Motion, **settings: object) -> tuple[Motion, Solution]:
+    """The motion after a refinement that left it as it is."""
+    guide = ObjectiveGuide(objective, CONTEXT, SolverSettings.model_validate(settings))
+    samples = len(motion.joints)
+    guide.solution = Solution("lm", torch.zeros(samples, 1), torch.zeros(samples), ["met"] * samples)
+    return guide.finish(Generation(motion)).motion, guide.solution
+
+
+def test_it_is_a_step_whose_products_are_those_of_autograd() -> None:
+    motion = replace(walkers(), joints=walkers().joints.double())
+    value = 0.01 * torch.randn(motion.joints.shape, dtype=torch.float64)
+    step = SmoothStep.of(motion).at(value)
+    plain = DecodedStep(value, step.decode)
+    assert isinstance(step, Step)
+    tangent, cotangents = torch.randn_like(value), torch.randn(3, *value.shape, dtype=torch.float64)
+    torch.testing.assert_close(step.motion.joints, plain.motion.joints)
+    torch.testing.assert_close(step.jvp(tangent), plain.jvp(tangent))
+    torch.testing.assert_close(step.vjps(cotangents), plain.vjps(cotangents))
+    torch.testing.assert_close(step.vjp(cotangents[0]), step.vjps(cotangents)[0])
+
+
+def test_a_move_dies_away_over_time_and_along_the_limb() -> None:
+    motion = walkers(1)
+    value = torch.zeros_like(motion.joints)
+    value[0, 30, motion.skeleton.index("left_wrist"), 1] = 1.0
+    moved = (SmoothStep.of(motion).decode(value).joints - motion.joints)[0, ..., 1]
+    arm = [float(moved[30, motion.skeleton.index(f"left_{part}")]) for part in ("wrist", "elbow", "shoulder", "foot")]
+    assert arm == sorted(arm, reverse=True) and arm[0] == pytest.approx(1.0) and arm[-1] < 0.1
+    over_time = moved[30:, motion.skeleton.index("left_wrist")]
+    assert (over_time.diff() <= 0).all() and over_time[12] < 1e-3
+
+
+@pytest.mark.parametrize("joint", ["pelvis", "left_foot", "head", "left_wrist"])
+def test_targets_a_few_millimetres_off_are_met_and_nothing_else_suffers(joint: str) -> None:
+    motion = walkers()
+    objective = targets(motion, [0.004, 0.003, -0.004], joint)
+    after, _ = finished(objective, motion)
+    assert objective.met(after, CONTEXT).tolist() == [True, False]
+    assert torch.equal(after.joints[1], motion.joints[1])  # far from its targets: none of polishing's business
+    assert (bone_errors(after) - bone_errors(motion)).max() < 1e-3
+    assert max_acceleration(after[0]) < 1.1 * max_acceleration(motion[0])
+    assert skating_ratio(after[0]) <= skating_ratio(motion[0])
+    assert bearable(motion, after).all()
+
+
+def test_it_can_be_switched_off_and_leaves_alone_what_is_met_or_far_off() -> None:
+    motion = walkers()
+    for off, settings in (([0.005, 0.0, 0.0], {"polish": False}), ([0.0] * 3, {}), ([0.0, 3 * REACH, 0.0], {})):
+        after, _ = finished(targets(motion, off), motion, **settings)
+        assert torch.equal(after.joints, motion.joints)
+
+
+def test_a_move_that_strains_bones_is_not_kept_and_not_called_met(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenectl.control.guide.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool))
+    motion = walkers(1)
+    after, solution = finished(targets(motion, [0.005, 0.0, 0.0]), motion)
+    assert torch.equal(after.joints, motion.joints) and solution.reasons == ["no progress"]
+
+
+def test_stretched_bones_and_far_moves_are_not_borne() -> None:
+    motion = walkers(1)
+    wrist = motion.skeleton.index("left_wrist")
+    torn, shifted = motion.joints.clone(), motion.joints + 3 * REACH
+    torn[0, 5, wrist] += 0.019  # one bone of 21, by what no mean over bones shows
+    torn[0, 5, :wrist:2] += torch.tensor([0.0, 0.015, 0.0])
+    assert not bearable(motion, replace(motion, joints=shifted)).any()
+    assert not bearable(motion, replace(motion, joints=torn)).any()
+    assert bearable(motion, motion).all()
+
+
+def test_only_targets_in_metres_are_loosened_and_none_is_tightened() -> None:
+    place = {"position": [0.0, 1.0, 0.0]}
+    terms = (
+        Term("joint_target", place, at=1.0, tolerance=0.001),
+        Term("joint_target", place, at=1.0, tolerance=0.2),
+        Term("sdf_penetration", {}, tolerance=0.0),
+        Term("smoothness", {}),
+    )
+    got = loosened(Objective(terms)).terms
+    assert [got[0].tolerance, got[1].tolerance] == [REACH, 0.2]
+    assert got[2:] == Objective(terms).terms[2:]
