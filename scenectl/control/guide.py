@@ -117,7 +117,9 @@ class ObjectiveGuide:
         if self.solver.iterations == 0:
             return step.value.detach()
         tell = self._pass_counter()
-        self.solution = self._solved(step, step.value, self._refinable, self.solver, tell)
+        begin, passes = self._led(step, tell)
+        self.solution = self._solved(step, begin, self._refinable, self.solver, tell)
+        self.solution.evaluations += passes
         refined = self.solution.value.view_as(step.value)
         if not self.solver.natural:
             return refined
@@ -130,6 +132,19 @@ class ObjectiveGuide:
         if len(strained):
             self._eased(step.at(step.value[strained]), strained, tell)
         return self.solution.value.view_as(step.value)
+
+    def _led(self, step: Step, tell: Callable[[], None]) -> tuple[Float[Tensor, "S *v"], int]:
+        """Where to begin, and the passes it took: a few steps in which only goals that pull are heeded.
+
+        A wall is a hinge: once a body is on the wrong side of it, goals and wall hold each other in balance, and no
+        solver gets it out. What leads (a path, a target) lies on the right side, and walls count from there on.
+        """
+        leading = tuple(term for term in self._refinable.counted if term.spec.pulls)
+        if not self.solver.lead or len(leading) in (0, len(self._refinable.counted)):
+            return step.value, 0
+        settings = self.solver.model_copy(update={"iterations": self.solver.lead, "enough": None})
+        found = self._solved(step, step.value, Objective(leading), settings, tell)
+        return found.value.view_as(step.value), found.evaluations
 
     def _eased(self, step: Step, strained: Int[Tensor, " s"], tell: Callable[[], None]) -> None:
         """Solve anew for the samples that were strained, of which `step` holds the generator's own values."""

@@ -6,15 +6,19 @@ import pytest
 import torch
 from torch import Tensor
 
-from objectives import Objective, Term
+from objectives import Context, Objective, Term
 from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
 from scenectl.generators.base import Guide, Step
 from scenectl.generators.mscot import MSCoT, _State
 from scenectl.generators.steps import DecodedStep
 from scenectl.generators.windows import Windows
+from scenes.body import DEFAULT_BODY
 from scenes.motion import Motion, Pose2D
+from scenes.primitives import Box
+from scenes.scene import Scene
 from tests.objectives.cases import context
 from tests.scenectl.small import bundle, double, walk
+from tests.scenectl.tiny import TinyStep
 
 START = Pose2D((1.0, 0.1, -2.0), 0.7)
 GOALS = Objective(
@@ -153,3 +157,22 @@ def test_the_gradient_of_the_goals_is_the_backward_product_of_their_gradient_in_
     joints = motion.joints.detach().requires_grad_(True)
     (cotangent,) = torch.autograd.grad(GOALS.cost(Motion(joints, motion.valid), context()).sum(), joints)
     torch.testing.assert_close(guide().gradient(s), -s.vjp(cotangent))
+
+
+@pytest.mark.parametrize("lead", [0, 3])
+def test_a_wall_holds_nobody_who_was_led_past_it(lead: int) -> None:
+    """Inside a slab, on the wrong side of its middle: wall and target balance, unless the target leads first."""
+    wall = Scene(primitives=[Box((0.0, 1.0, 0.0), (3.0, 2.0, 1.0))])
+    standing = TinyStep(torch.tensor([[0.0, 0.2]]).repeat(1, 30, 1), Pose2D())
+    goals = Objective(
+        (
+            Term("joint_target", {"position": [0.0, 0.87, -1.2]}, tolerance=0.05),
+            Term("sdf_penetration", kernel="squared", reduction="sum", weight=1e3, tolerance=0.03),
+        )
+    )
+    solver = SolverSettings(natural=False, polish=False, lead=lead)
+    g = ObjectiveGuide(goals, Context(wall, DEFAULT_BODY), solver)
+    after = standing.decode(g.refine(standing))
+    assert bool(goals.met(after, Context(wall, DEFAULT_BODY))) == (lead > 0)
+    alone = ObjectiveGuide(Objective(goals.terms[:1]), Context(wall, DEFAULT_BODY), solver)
+    assert alone._led(standing, lambda: None)[1] == 0  # nothing to lead past
