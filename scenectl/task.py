@@ -217,7 +217,8 @@ class GeneratorSpec(_Table):
         threads: for its arithmetic; by default what torch chooses.
         cfg: scale of classifier-free guidance.
         temperature, top_p: of the draw.
-        clip_nats: largest tilt that goals may give a token's logits (`scenectl.generators.mscot.Sampling`).
+        clip_nats, clip_coarsest: largest tilt that goals may give a token's logits, and its share at the coarsest
+            scale (`scenectl.generators.mscot.Sampling`).
 
     What is left out is the generator's own default.
     """
@@ -229,6 +230,7 @@ class GeneratorSpec(_Table):
     temperature: Annotated[float, Field(gt=0)] | None = None
     top_p: Annotated[float, Field(gt=0, le=1)] | None = None
     clip_nats: Annotated[float, Field(ge=0)] | None = None
+    clip_coarsest: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 class Task(_Table):

@@ -24,7 +24,7 @@ def load_generator(
         name: one of `GENERATORS`.
         weights: name of bundled weights, or a folder.
         threads: CPU threads torch may use; None leaves its setting alone.
-        sampling: settings of the generator (for MSCoT: `cfg`, `temperature`, `top_p`, `clip_nats`).
+        sampling: settings of the generator (for MSCoT: `cfg`, `temperature`, `top_p`, `clip_nats`, `clip_coarsest`).
 
     Raises:
         UserError: unknown generator or setting, missing or damaged weights.

@@ -29,9 +29,6 @@ MAX_SECONDS = 60.0
 SEAM = 10.0
 """Certainty with which a window follows its neighbour: `closeness` is counted so many times over."""
 
-_COARSEST = 0.25
-"""Share of `Sampling.clip_nats` by which a motion's coarsest scale may be tilted, at least."""
-
 
 class Sampling(BaseModel):
     """How tokens are drawn.
@@ -44,6 +41,7 @@ class Sampling(BaseModel):
             is kept; 1 keeps all.
         clip_nats: largest spread of a position's tilt between codes (nats) at the finest scale: an unclipped tilt can
             overrule the prior altogether. Coarser scales may be tilted less (`clip_at`). 0 leaves tilts as they are.
+        clip_coarsest: share of that spread for the coarsest scale of the first sample.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -52,15 +50,16 @@ class Sampling(BaseModel):
     temperature: float = Field(default=0.7, gt=0)
     top_p: float = Field(default=0.95, gt=0, le=1)
     clip_nats: float = Field(default=20.0, ge=0)
+    clip_coarsest: float = Field(default=0.25, ge=0, le=1)
 
     def clip_at(self, k: int, scales: int, samples: int) -> Float[Tensor, " S"]:
         """Largest spread (nats) of every sample's tilt at scale k of so many, from 0.
 
         A coarse token moves the whole motion: a body that is pushed there slides to a few keyframes, and one that is
-        not finds no way around a wall. So the first sample's limit grows evenly from a quarter of `clip_nats` at the
-        coarsest scale, the last one's is the same at all, and those of samples in between lie in between.
+        not finds no way around a wall. So the first sample's limit grows evenly from `clip_coarsest` of `clip_nats` at
+        the coarsest scale, the last one's is the same at all, and those of samples in between lie in between.
         """
-        coarsest = torch.linspace(_COARSEST, 1.0, samples) if samples > 1 else torch.tensor([_COARSEST])
+        coarsest = torch.linspace(self.clip_coarsest, 1.0, samples)
         return self.clip_nats * (coarsest + (1 - coarsest) * k / max(scales - 1, 1))
 
 
