@@ -230,7 +230,7 @@ class GeneratorSpec(_Table):
     temperature: Annotated[float, Field(gt=0)] | None = None
     top_p: Annotated[float, Field(gt=0, le=1)] | None = None
     clip_nats: Annotated[float, Field(ge=0)] | None = None
-    clip_coarsest: Annotated[float, Field(ge=0, le=1)] | None = None
+    clip_coarsest: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
 class Task(_Table):

@@ -311,7 +311,7 @@ def refinement(bench: Bench, tell: Tell) -> list[Path]:
     variants: dict[str, tuple[MSCoT, SolverSettings]] = {
         "as it is": (whole, SolverSettings()),
         "coarse scales tilted like fine ones": (alike, SolverSettings()),
-        "without the decoder's metric": (MSCoT(replace(whole.bundle, metric=None)), SolverSettings()),
+        "without the decoder's metric": (MSCoT(replace(whole.bundle, metric=None), whole.sampling), SolverSettings()),
         "without polishing": (whole, SolverSettings(polish=False)),
         "without a body's costs": (whole, SolverSettings(natural=False)),
     }

@@ -221,13 +221,14 @@ Way = Callable[[Case], tuple[Generation, float, int]]
 
 def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell: Progress) -> dict[str, Way]:
     scales = generator.quantiser.scales
-    rival = ControlMM(generator.bundle, generator.sampling)
+    plain = replace(generator.bundle, metric=None)  # others search in embeddings as they are
+    rival, other = ControlMM(plain, generator.sampling), MSCoT(plain, generator.sampling)
 
-    def solved(solver: SolverSettings, tolerance: float = TOLERANCE) -> Way:
+    def solved(solver: SolverSettings, tolerance: float = TOLERANCE, by: MSCoT = other) -> Way:
         def way(case: Case) -> tuple[Generation, float, int]:
             guide = case.guide(solver, tolerance)
             timed = _Timed(guide)
-            made = case.generate(generator, timed)
+            made = case.generate(by, timed)
             return made, timed.seconds, scales + (guide.solution.evaluations if guide.solution else 0)
 
         return way
@@ -254,7 +255,7 @@ def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell:
         "controlmm": controlmm,
         "adam": solved(SolverSettings(name="adam", iterations=PAPER_STEPS, natural=False, polish=False)),
         "lbfgs": solved(SolverSettings(name="lbfgs", iterations=PAPER_STEPS, natural=False, polish=False)),
-        "scenectl": solved(SolverSettings()),
+        "scenectl": solved(SolverSettings(), by=generator),
     }
     if "paper-best-step" in methods:
         tell("the paper's best step", 0.0)

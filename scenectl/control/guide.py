@@ -6,16 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives import Context, Objective
-from scenectl.control.natural import LENIENCY, SOLVED, Natural, approach, finish
-from scenectl.control.polish import SmoothStep, bearable, loosened
-from scenectl.control.problem import Problem, Reason, Solution
-from scenectl.control.residuals import Residuals
+from scenectl.control.problem import Solution
+from scenectl.control.refinement import Refinement
 from scenectl.control.settings import GuidanceSettings, SolverSettings
-from scenectl.control.solvers import minimise
 from scenectl.control.start import UNKNOWNS, FreeStart, MovedStep
 from scenectl.generators.base import Generation, Progress, Step
 from scenes.motion import Motion
@@ -44,14 +41,14 @@ class ObjectiveGuide:
             context: scene and body.
             solver, guidance: settings.
             progress: called with what is being done and the fraction done.
-            start: where motions begin, if that shall be solved for; `placed` moves what a generator made then.
+            start: where motions begin, if that shall be solved for; `finish` moves what a generator made then.
         """
         self.start = start
         self.objective, self.context = objective, context
         self.solver, self.guidance = solver or SolverSettings(), guidance or GuidanceSettings()
         self.progress = progress
         self.solution: Solution | None = None
-        self._refinable = loosened(objective) if self.solver.polish else objective
+        self._moves: Float[Tensor, "S T J 3"] | None = None
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         """Minus the objective's cost (Eq. 40), times the guidance scale."""
@@ -67,11 +64,8 @@ class ObjectiveGuide:
         return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
 
     def refine(self, step: Step) -> Float[Tensor, "S *v"]:
-        """Minimise the objective's cost from the step's value (Eq. 12), as far as a body bears it.
-
-        Where that stretched bones or lifted feet that stood, an approach that minds them begins anew, and the goals
-        are solved for from there, as far as a body bears it (`scenectl.control.natural`).
-        """
+        """Minimise the objective's cost from the step's value (Eq. 12), as far as a body bears it (`Refinement`)."""
+        self.solution = self._moves = None
         if self.start is None:
             return self._refined(step)
         self.start.before = self.start.fit(step.motion, self._cost)
@@ -85,26 +79,9 @@ class ObjectiveGuide:
             before = self.start.moves if self.start.before is None else self.start.before
             unrefined = None if made.unrefined is None else self.start.moved(made.unrefined, before)
             made = replace(made, motion=self.start.moved(made.motion, self.start.moves), unrefined=unrefined)
-        if self.solution is None or not self.solver.polish:
+        if self._moves is None:
             return made
-        return replace(made, motion=self._polished(made.motion))
-
-    @torch.no_grad()
-    def _polished(self, motion: Motion) -> Motion:
-        """The last centimetre of those samples that have no more than that to go (`scenectl.control.polish`)."""
-        assert self.solution is not None
-        near = self._refinable.met(motion, self.context) & ~self.objective.met(motion, self.context)
-        if not near.any():
-            return motion
-        some = replace(motion, joints=motion.joints[near], valid=motion.valid[near])
-        step = SmoothStep.of(some)
-        found = self._solved(step, step.value, self.objective, self.solver, self._pass_counter())
-        after = step.decode(found.value.view_as(step.value))
-        better = bearable(some, after) & (self._cost(after) < self._cost(some))
-        joints = motion.joints.clone()
-        joints[near] = torch.where(better[:, None, None, None], after.joints, some.joints)
-        self.solution.unfinished(near.nonzero()[:, 0][~(better & self.objective.met(after, self.context))])
-        return replace(motion, joints=joints)
+        return replace(made, motion=replace(made.motion, joints=made.motion.joints + self._moves))
 
     def _begun(self, motion: Motion) -> Motion:
         """The motion from where it had best begin, if that is free."""
@@ -116,88 +93,9 @@ class ObjectiveGuide:
     def _refined(self, step: Step) -> Float[Tensor, "S *v"]:
         if self.solver.iterations == 0:
             return step.value.detach()
-        tell = self._pass_counter()
-        begin, passes = self._led(step, tell)
-        self.solution = self._solved(step, begin, self._refinable, self.solver, tell)
-        self.solution.evaluations += passes
-        refined = self.solution.value.view_as(step.value)
-        if not self.solver.natural:
-            return refined
-        natural = Natural(self._refinable, step.motion, self.context)
-        after, gone = step.at(refined).motion, torch.tensor([r == "abandoned" for r in self.solution.reasons])
-        # What is met, or nearly, stays so for all that a foot is a little higher or a bone a little longer.
-        solved = self._cost(after) <= SOLVED * self._cost(step.motion)
-        worse = torch.where(solved, natural.strained(after, LENIENCY), natural.strained(after))
-        strained = (worse & ~gone).nonzero()[:, 0]
-        if len(strained):
-            self._eased(step.at(step.value[strained]), strained, tell)
-        return self.solution.value.view_as(step.value)
-
-    def _led(self, step: Step, tell: Callable[[], None]) -> tuple[Float[Tensor, "S *v"], int]:
-        """Where to begin, and the passes it took: a few steps in which only goals that pull are heeded.
-
-        A wall is a hinge: once a body is on the wrong side of it, goals and wall hold each other in balance, and no
-        solver gets it out. What leads (a path, a target) lies on the right side, and walls count from there on.
-        """
-        leading = tuple(term for term in self._refinable.counted if term.spec.pulls)
-        if not self.solver.lead or len(leading) in (0, len(self._refinable.counted)):
-            return step.value, 0
-        settings = self.solver.model_copy(update={"iterations": self.solver.lead, "enough": None})
-        found = self._solved(step, step.value, Objective(leading), settings, tell)
-        return found.value.view_as(step.value), found.evaluations
-
-    def _eased(self, step: Step, strained: Int[Tensor, " s"], tell: Callable[[], None]) -> None:
-        """Solve anew for the samples that were strained, of which `step` holds the generator's own values."""
-        assert self.solution is not None
-        natural = Natural(self._refinable, step.motion, self.context)
-        gentle = self._solved(step, step.value, natural, approach(self.solver), tell)
-        self.solution.replace(gentle, strained, torch.ones_like(strained, dtype=torch.bool), "strained")
-        begin = gentle.value.view_as(step.value)
-        freed = self._solved(step, begin, natural.letting_go(), approach(self.solver), tell)
-        within = self._taken(step, freed, natural, strained, "strained")
-        stages: list[tuple[Tensor, Objective, Reason | None]] = [
-            (within, natural.without_outliers, "strained"), (begin, self._refinable, None)
-        ]  # fmt: skip
-        for first, goals, reason in stages:
-            self._taken(step, self._solved(step, first, goals, finish(self.solver), tell), natural, strained, reason)
-
-    def _taken(
-        self, step: Step, found: Solution, natural: Natural, samples: Int[Tensor, " s"], reason: Reason | None = None
-    ) -> Float[Tensor, "S *v"]:
-        """The values found, which are those of the solution from now on where a body bears them."""
-        assert self.solution is not None
-        value = found.value.view_as(step.value)
-        self.solution.replace(found, samples, ~natural.strained(step.at(value).motion), reason)
-        return value
-
-    def _solved(
-        self,
-        step: Step,
-        start: Float[Tensor, "S *v"],
-        goals: Objective | Natural,
-        settings: SolverSettings,
-        tell: Callable[[], None],
-    ) -> Solution:
-        """The least cost of goals, and of the distance from `start`, near it."""
-        begin = start.detach().flatten(1)
-
-        def value(x: Tensor) -> Tensor:
-            return x.view_as(step.value)
-
-        def cost(x: Tensor) -> Tensor:
-            tell()
-            away = (x - begin).square().sum(1)
-            return goals.cost(step.decode(value(x)), self.context) + settings.prior * away
-
-        def linearise(x: Tensor) -> Residuals:
-            tell()
-            return Residuals(goals, self.context, step.at(value(x)))
-
-        def done(x: Tensor) -> Tensor:
-            with torch.no_grad():
-                return goals.met(step.decode(value(x)), self.context)
-
-        return minimise(Problem(cost, begin, done, linearise), settings)
+        found = Refinement(step, self.objective, self.context, self.solver, self._pass_counter())
+        self.solution, self._moves = found.solution, found.moves
+        return found.value
 
     @torch.no_grad()
     def met(self, step: Step, value: Float[Tensor, "S *v"]) -> Bool[Tensor, " S"]:

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from objectives import Objective, Term
 from scenectl.control.natural import bone_errors
+from scenectl.control.settings import SolverSettings
 from scenes.motion import Motion
 from scenes.skeleton import Skeleton
 
@@ -25,6 +26,7 @@ REACH = 0.01
 """Metres from their targets at which searches through a decoder end, and polishing begins."""
 _FURTHEST, _STRETCH = 2 * REACH, 0.5 * REACH
 """Metres by which a joint may be moved, and by which the bones of a frame may be further from their lengths for it."""
+_ITERATIONS = 20
 _SECONDS, _BONES = 0.15, 3.0
 """Spread of a move over time (standard deviation), and along the limbs (to 1/e)."""
 
@@ -41,9 +43,14 @@ def _loosened(term: Term) -> Term:
     return replace(term, tolerance=REACH)
 
 
+def polishing(settings: SolverSettings) -> SolverSettings:
+    """For the search in joints, whose numbers are metres: none of what was set for a decoder's fits."""
+    return SolverSettings(iterations=min(settings.iterations, _ITERATIONS))
+
+
 def bearable(before: Motion, after: Motion) -> Bool[Tensor, " S"]:
     """Samples that were moved by little and keep their bones."""
-    moved = (after.joints - before.joints).norm(dim=-1).amax((-2, -1))
+    moved = ((after.joints - before.joints).norm(dim=-1) * before.valid[..., None]).amax((-2, -1))
     stretched = (bone_errors(after) - bone_errors(before)).amax(-1)
     return (moved <= _FURTHEST) & (stretched <= _STRETCH)
 
@@ -86,19 +93,22 @@ class SmoothStep:
         return self._spread(cotangents)
 
     def _spread(self, value: Float[Tensor, "*r S T J 3"]) -> Float[Tensor, "*r S T J 3"]:
-        times = torch.arange(self.base.frames, dtype=value.dtype) / self.base.fps
+        times = torch.arange(self.base.frames, dtype=value.dtype, device=value.device) / self.base.fps
         over_time = torch.exp(-0.5 * ((times[:, None] - times) / _SECONDS).square())
         joints = _along_limbs(self.base.skeleton).to(value) @ value
         return (over_time @ joints.flatten(-2)).unflatten(-1, joints.shape[-2:])
 
 
-@cache
 def _along_limbs(skeleton: Skeleton) -> Float[Tensor, "J J"]:
     """How much of a joint's move each other joint shares: less with every bone between them."""
+    return torch.exp(-torch.tensor(_bones_between(skeleton)) / _BONES)
+
+
+@cache
+def _bones_between(skeleton: Skeleton) -> list[list[float]]:
     joints = len(skeleton.names)
-    steps = torch.full((joints, joints), torch.inf)
-    steps.fill_diagonal_(0.0)
+    steps = [[0.0 if a == b else float("inf") for a in range(joints)] for b in range(joints)]
     for parent, child in skeleton.bones:  # parents precede children: whatever leads to the parent leads on
-        steps[child, :child] = steps[parent, :child] + 1
-        steps[:child, child] = steps[child, :child]
-    return torch.exp(-steps / _BONES)
+        for other in range(child):
+            steps[child][other] = steps[other][child] = steps[parent][other] + 1
+    return steps

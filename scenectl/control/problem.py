@@ -105,10 +105,12 @@ class Solution:
                 self.reasons[mine] = reason or other.reasons[theirs]
         self.evaluations += other.evaluations
 
-    def unfinished(self, samples: Int[Tensor, " s"]) -> None:
-        """Samples that counted as met, and are not."""
-        for sample in samples.tolist():
-            if self.reasons[sample] == "met":
+    def settle(self, met: Bool[Tensor, " S"]) -> None:
+        """Say of each sample what came of it in the end: what was met loosely may not be, and the other way round."""
+        for sample, reached in enumerate(met.tolist()):
+            if reached:
+                self.reasons[sample] = "met"
+            elif self.reasons[sample] == "met":
                 self.reasons[sample] = "no progress"
 
 

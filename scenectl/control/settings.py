@@ -28,7 +28,7 @@ class SolverSettings(BaseModel):
             side, such as walls. Or "adam", or "gradient": the paper's ascent with a constant step.
         iterations: at most this many steps; 0 switches refinement off.
         step: step size; by default 0.05 for Adam and the paper's 0.01 for gradient ascent. L-BFGS finds its own.
-        prior: pull towards the generator's own value, in units of cost per squared distance (per number):
+        prior: pull towards where a search begins, in units of cost per squared distance in the step's coordinates:
             keeps what goals leave free as the generator made it.
         patience: steps in a row without progress worth `progress` after which the search ends.
         progress: relative decrease of the cost that counts as progress.

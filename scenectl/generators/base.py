@@ -95,7 +95,7 @@ class Generation:
 
 @runtime_checkable
 class Generator(Protocol):
-    """Text and length in, motions out; steered only through a guide."""
+    """Text and length in, motions out; steered only through a guide, to which `generate` hands its result at last."""
 
     @property
     def name(self) -> str: ...

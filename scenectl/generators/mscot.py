@@ -50,7 +50,7 @@ class Sampling(BaseModel):
     temperature: float = Field(default=0.7, gt=0)
     top_p: float = Field(default=0.95, gt=0, le=1)
     clip_nats: float = Field(default=20.0, ge=0)
-    clip_coarsest: float = Field(default=0.25, ge=0, le=1)
+    clip_coarsest: float = Field(default=0.25, gt=0, le=1)
 
     def clip_at(self, k: int, scales: int, samples: int) -> Float[Tensor, " S"]:
         """Largest spread (nats) of every sample's tilt at scale k of so many, from 0.
@@ -300,7 +300,8 @@ class MSCoT:
             parts = list(value.split(lengths, dim=1))
             return parts if metric is None else metric.embeddings(parts)
 
-        return embeddings(guide.refine(self._step(state, value, embeddings)))
+        found = guide.refine(self._step(state, value, embeddings))
+        return state.refined if torch.equal(found, value) else embeddings(found)
 
     def _latent_move(self, state: _State, refined: list[Tensor]) -> dict[str, object]:
         """How far refinement moved the latent, relative to its size: small where guidance did its work."""

@@ -61,8 +61,13 @@ def weights_folder(name: str | Path) -> Path:
     raise UserError(f"no weights '{name}': neither a folder nor bundled{did_you_mean(str(name), names)}")
 
 
-def load_bundle(name: str | Path = "default") -> Bundle:
-    """Load a model; raises UserError where files are missing, damaged or of different models."""
+def load_bundle(name: str | Path = "default", with_metric: bool = True) -> Bundle:
+    """Load a model; raises UserError where files are missing, damaged or of different models.
+
+    Args:
+        name: of bundled weights, or a folder.
+        with_metric: read the metric, too, where there is one.
+    """
     folder = weights_folder(name)
     about = {part: read_about(folder / f"{part}.safetensors") for part in PARTS}
     try:
@@ -83,7 +88,9 @@ def load_bundle(name: str | Path = "default") -> Bundle:
             f"weights in '{folder}' want text features of {config.transformer.text_dim} numbers, and text encoder "
             f"'{config.text}' gives {text.dim}; name the encoder they were trained with"
         )
-    return Bundle(config, tokenizer, transformer, refiner, text, licence, about, _metric(folder, config))
+    return Bundle(
+        config, tokenizer, transformer, refiner, text, licence, about, _metric(folder, config) if with_metric else None
+    )
 
 
 def _metric(folder: Path, config: ModelConfig) -> Metric | None:

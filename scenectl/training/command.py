@@ -211,7 +211,7 @@ class Run:
     def metric(self) -> None:
         """Measure in what coordinates refinement of the exported weights searches best, and write that beside them."""
         folder = self.out / "weights"
-        bundle = load_bundle(folder)
+        bundle = load_bundle(folder, with_metric=False)
         metric = measure_metric(bundle.tokenizer, bundle.refiner, self.windows(["train"], True), self.recipe.seed)
         about = {**bundle.about["tokenizer"], "part": "metric"}
         save_weights(metric, folder / METRIC, about, half=True)

@@ -17,7 +17,7 @@ from scenes.motion import Motion
 
 _CLIPS, _BATCH, _PROBES = 48, 8, 4
 _FRAMES = (64, 196)
-_JERK = 10.0
+_SMOOTH = 10.0
 """Weight of a joint's acceleration (m/frame^2) beside its displacement (m): a smooth move counts for less."""
 
 
@@ -57,8 +57,8 @@ def _pulled(
     )  # fmt: skip
     shape = (_PROBES, *step.motion.joints.shape)
     pulls = torch.randn(shape, generator=draw)
-    jerks = _JERK * torch.randn((*shape[:2], shape[2] - 2, *shape[3:]), generator=draw)
-    pulls[:, :, 2:] += jerks
-    pulls[:, :, 1:-1] -= 2 * jerks
-    pulls[:, :, :-2] += jerks
+    bends = _SMOOTH * torch.randn((*shape[:2], shape[2] - 2, *shape[3:]), generator=draw)
+    pulls[:, :, 2:] += bends
+    pulls[:, :, 1:-1] -= 2 * bends
+    pulls[:, :, :-2] += bends
     return list(step.vjps(pulls).split(lengths, dim=2))

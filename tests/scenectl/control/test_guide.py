@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from objectives import Context, Objective, Term
+from objectives import Assessed, Context, Objective, Term
 from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
 from scenectl.generators.base import Guide, Step
 from scenectl.generators.mscot import MSCoT, _State
@@ -174,5 +174,22 @@ def test_a_wall_holds_nobody_who_was_led_past_it(lead: int) -> None:
     g = ObjectiveGuide(goals, Context(wall, DEFAULT_BODY), solver)
     after = standing.decode(g.refine(standing))
     assert bool(goals.met(after, Context(wall, DEFAULT_BODY))) == (lead > 0)
-    alone = ObjectiveGuide(Objective(goals.terms[:1]), Context(wall, DEFAULT_BODY), solver)
-    assert alone._led(standing, lambda: None)[1] == 0  # nothing to lead past
+
+
+def test_leading_past_a_wall_that_makes_no_sense_there_is_given_up() -> None:
+    """Where a goal is not a number wherever the others lead, refinement sets out from the generator's own value."""
+
+    class Cliff(Objective):
+        def cost(self, motion: Motion, at: Context) -> Tensor:
+            z = motion.joints[:, :, 0, 2].mean(1)
+            return super().cost(motion, at) + torch.where(z < -0.5, torch.nan * z, (z - 0.1).square())
+
+        def assess(self, motion: Motion, at: Context) -> Assessed:
+            return Assessed([motion.joints[:, :1, 0, :1]], self.cost(motion, at), self.met(motion, at))
+
+    terms = (Term("joint_target", {"position": [0.0, 0.87, -1.2]}, tolerance=0.05), Term("smoothness"))
+    standing = TinyStep(torch.tensor([[0.0, 0.2]]).repeat(1, 30, 1), Pose2D())
+    goals = Cliff(terms)
+    g = ObjectiveGuide(goals, context(), SolverSettings(natural=False, polish=False, name="lbfgs"))
+    after = standing.decode(g.refine(standing))
+    assert float(goals.cost(after, context())) <= float(goals.cost(standing.motion, context()))

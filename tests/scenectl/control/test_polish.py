@@ -36,11 +36,16 @@ def targets(motion: Motion, off: list[float], joint: str = "left_wrist", toleran
 
 
 def finished(objective: Objective, motion: Motion, **settings: object) -> tuple[Motion, Solution]:
-    """The motion after a refinement that left it as it is."""
-    guide = ObjectiveGuide(objective, CONTEXT, SolverSettings.model_validate(settings))
-    samples = len(motion.joints)
-    guide.solution = Solution("lm", torch.zeros(samples, 1), torch.zeros(samples), ["met"] * samples)
+    """The motion after a refinement whose step can't move it."""
+    solver = SolverSettings.model_validate({"natural": False, **settings})
+    guide = ObjectiveGuide(objective, CONTEXT, solver)
+    guide.refine(DecodedStep(torch.zeros(len(motion.joints), 1), lambda v: motion_of(motion, v)))
+    assert guide.solution is not None
     return guide.finish(Generation(motion)).motion, guide.solution
+
+
+def motion_of(motion: Motion, value: torch.Tensor) -> Motion:
+    return replace(motion, joints=motion.joints[: len(value)] + 0.0 * value[:, :, None, None])
 
 
 def test_it_is_a_step_whose_products_are_those_of_autograd() -> None:
@@ -88,7 +93,7 @@ def test_it_can_be_switched_off_and_leaves_alone_what_is_met_or_far_off() -> Non
 
 
 def test_a_move_that_strains_bones_is_not_kept_and_not_called_met(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenectl.control.guide.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool))
+    monkeypatch.setattr("scenectl.control.refinement.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool))
     motion = walkers(1)
     after, solution = finished(targets(motion, [0.005, 0.0, 0.0]), motion)
     assert torch.equal(after.joints, motion.joints) and solution.reasons == ["no progress"]
