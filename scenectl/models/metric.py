@@ -10,10 +10,10 @@ from torch import Tensor, nn
 class Metric(nn.Module):
     """What a decoder makes of a change of each scale's embeddings, averaged over motions and positions.
 
-    With G_k the mean of J_k^T J_k, where J_k leads from e_k to joints and their accelerations, refinement searches for
-    u in e_k = u root_k, with root_k = (G_k / mean eigenvalue of all scales + 1)^(-1/2). Searched so, the least change is
-    the one that moves the body least and most smoothly, and least squares are better conditioned.
-    `scenectl.training.metric` measures it.
+    With G_k the mean of J_k^T J_k, where J_k leads from e_k to joints and their accelerations, refinement looks for u
+    in e_k = u root_k, with root_k = (G_k / mean eigenvalue of all scales + 1)^(-1/2). The least change is then the one
+    that moves the body least and most smoothly, and least squares are better conditioned. `scenectl.training.metric`
+    measures it.
 
     Attributes:
         root: of each scale, symmetric, ``[K, d, d]``; the identity until it has been measured.

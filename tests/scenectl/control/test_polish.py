@@ -99,6 +99,19 @@ def test_a_move_that_strains_bones_is_not_kept_and_not_called_met(monkeypatch: p
     assert torch.equal(after.joints, motion.joints) and solution.reasons == ["no progress"]
 
 
+def test_what_cannot_be_polished_goes_on_through_the_decoder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenectl.control.refinement.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool))
+    motion = walkers(1)
+    objective = targets(motion, [0.004, 0.003, -0.004])
+    guide = ObjectiveGuide(objective, CONTEXT, SolverSettings(natural=False))
+    step = DecodedStep(
+        torch.zeros(1, 3), lambda v: replace(motion, joints=motion.joints[: len(v)] + v[:, None, None, :])
+    )
+    value = guide.refine(step)
+    assert guide.solution is not None and guide.solution.reasons == ["met"]
+    assert objective.met(guide.finish(Generation(step.decode(value))).motion, CONTEXT).all()
+
+
 def test_stretched_bones_and_far_moves_are_not_borne() -> None:
     motion = walkers(1)
     wrist = motion.skeleton.index("left_wrist")
