@@ -49,6 +49,7 @@ class Refinement:
         """
         self._objective, self._context, self._solver, self._tell = objective, context, solver, tell
         self._goals = loosened(objective) if solver.polish else objective
+        self._decoded: tuple[Tensor, Motion] | None = None
         self.moves: Float[Tensor, "S T J 3"] | None = None
         self.solution = self._searched(step)
         if solver.natural:
@@ -141,7 +142,10 @@ class Refinement:
         return self._objective.met(moved, self._context)
 
     def _motion(self, step: Step, found: Solution) -> Motion:
-        return step.at(found.value.view_as(step.value)).motion
+        """The motion of what was found; the last one asked for is remembered, as it costs a pass."""
+        if self._decoded is None or self._decoded[0] is not found.value:
+            self._decoded = found.value, step.at(found.value.view_as(step.value)).motion
+        return self._decoded[1]
 
     @torch.no_grad()
     def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
