@@ -47,7 +47,7 @@ class SolverSettings(BaseModel):
     name: Literal["auto", "lm", "gauss_newton", "lbfgs", "adam", "gradient"] = "auto"
     iterations: int = Field(default=100, ge=0)
     step: float | None = Field(default=None, gt=0)
-    prior: float = Field(default=1e-4, ge=0)
+    prior: float = Field(default=1e-5, ge=0)
     patience: int = Field(default=10, ge=1)
     progress: float = Field(default=1e-4, gt=0)
     enough: int | None = Field(default=None, ge=1)
