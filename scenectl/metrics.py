@@ -61,6 +61,24 @@ def max_acceleration(motion: Motion) -> Float[Tensor, "*b"]:
     return torch.where(real, second, 0.0).amax(dim=-1)
 
 
+def pose_change(before: Motion, after: Motion) -> Float[Tensor, "*b"]:
+    """Mean distance (m) by which joints moved as seen from the pelvis, whichever way it faces; valid frames only.
+
+    Small where refinement left poses as the generator made them, wherever it took the body.
+    """
+    moved = (_seen_from_pelvis(after) - _seen_from_pelvis(before)).norm(dim=-1).mean(-1)
+    real = before.valid & after.valid
+    return torch.where(real, moved, 0.0).sum(-1) / real.sum(-1).clamp_min(1)
+
+
+def _seen_from_pelvis(motion: Motion) -> Float[Tensor, "*b T J 3"]:
+    x, y, z = (motion.joints - motion.joint("pelvis")[..., None, :]).unbind(-1)
+    across = motion.joint("left_hip") - motion.joint("right_hip")
+    yaw = torch.atan2(across[..., 2], across[..., 0])[..., None]
+    c, s = yaw.cos(), yaw.sin()
+    return torch.stack([c * x + s * z, y, c * z - s * x], dim=-1)
+
+
 def bone_length_drift(motion: Motion) -> Float[Tensor, "*b"]:
     """Largest deviation (m) of any bone from its own median length over the valid frames."""
     parents, children = zip(*motion.skeleton.bones, strict=True)

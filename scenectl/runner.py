@@ -22,7 +22,7 @@ import scenectl
 from objectives import TermReport, diagnosis
 from scenectl.control import FreeStart, ObjectiveGuide
 from scenectl.generators.base import Generation, Generator, Progress
-from scenectl.metrics import Scorer, measure
+from scenectl.metrics import Scorer, measure, pose_change
 from scenectl.task import FPS, Problem, Start, Task, start_of
 from scenes.errors import UserError
 from scenes.files import atomic_write
@@ -45,6 +45,7 @@ class Sample:
         unrefined_cost: of the objective before refinement, or None.
         diagnosis: why goals aren't met, in a sentence (`objectives.diagnosis`); None where they are.
         start: where it begins, which differs from the problem's where that was solved for.
+        pose_change: metres by which refinement moved joints as seen from the pelvis, in the mean; None without one.
     """
 
     index: int
@@ -54,6 +55,7 @@ class Sample:
     unrefined_cost: float | None = None
     diagnosis: str | None = None
     start: Pose2D | None = None
+    pose_change: float | None = None
 
     @property
     def met(self) -> bool:
@@ -235,26 +237,36 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
 
 
 def _ranked(made: Generation, problem: Problem, scorer: Scorer, tell: Progress) -> tuple[Motion, list[Sample]]:
-    """Motions and their rows: those that meet all goals first, then by cost; one that is not a number comes last."""
+    """Motions and their rows: those that meet all goals first, by how little refinement changed poses; then by cost.
+
+    A cost that is not a number comes last.
+    """
     objective, context = problem.objective, problem.context
     with torch.no_grad():
         costs = objective.cost(made.motion, context)
         before = None if made.unrefined is None else objective.cost(made.unrefined, context)
+        changes = None if made.unrefined is None else pose_change(made.unrefined, made.motion)
     met = objective.met(made.motion, context).tolist()
-    order = sorted(range(len(met)), key=lambda i: (not met[i], float(costs[i].nan_to_num(nan=torch.inf))))
+
+    def badness(i: int) -> tuple[bool, float, float]:
+        change = 0.0 if changes is None or not met[i] else round(float(changes[i]), 3)
+        return not met[i], change, float(costs[i].nan_to_num(nan=torch.inf))
+
+    order = sorted(range(len(met)), key=badness)
     terms = objective.report(made.motion, context)
     rows = []
     for done, index in enumerate(order):
         figures = measure(made.motion[index], scorer)
         why = diagnosis(objective, made.motion[index], context)
         start = start_of(made.motion[index], problem.body)
-        rows.append(Sample(index, _number(costs[index]), terms[index], figures, _before(before, index), why, start))
+        change, cost = _of(changes, index), _number(costs[index])
+        rows.append(Sample(index, cost, terms[index], figures, _of(before, index), why, start, change))
         tell("measuring", (done + 1) / len(order))
     return replace(made.motion, joints=made.motion.joints[order], valid=made.motion.valid[order]), rows
 
 
-def _before(costs: Float[Tensor, " S"] | None, index: int) -> float | None:
-    return None if costs is None else _number(costs[index])
+def _of(figures: Float[Tensor, " S"] | None, index: int) -> float | None:
+    return None if figures is None else _number(figures[index])
 
 
 def _report(problem: Problem, rows: list[Sample]) -> dict[str, Any]:
@@ -287,6 +299,7 @@ def _row(rank: int, row: Sample) -> dict[str, Any]:
         "sample": row.index,
         "cost": row.cost,
         "unrefined_cost": row.unrefined_cost,
+        "pose_change_m": row.pose_change,
         "met": row.met,
         "diagnosis": row.diagnosis,
         "start": row.start and {"position": list(row.start.position), "heading": row.start.heading},

@@ -16,6 +16,7 @@ from scenectl.metrics import (
     max_acceleration,
     measure,
     path_length,
+    pose_change,
     skating_ratio,
 )
 from scenes.body import DEFAULT_BODY
@@ -24,6 +25,7 @@ from scenes.moving import MovingObject, Trajectory
 from scenes.primitives import Box, Sphere, Waypoints
 from scenes.scene import Scene
 from scenes.skeleton import HUMANML3D
+from tests.scenectl.small import walk
 
 
 def standing(frames: int = 40) -> Tensor:
@@ -169,3 +171,16 @@ def test_padding_touches_nothing() -> None:
     motion = place(1.2)
     valid = torch.zeros_like(motion.valid)
     assert scorer.depths(dataclasses.replace(motion, valid=valid)).obstacles.max() == 0.0
+
+
+def test_poses_are_compared_as_seen_from_the_pelvis() -> None:
+    before = Motion(walk(40)[None])
+    turned = Pose2D((3.0, 0.2, -1.0), 1.3).apply(before.joints)
+    assert float(pose_change(before, Motion(turned))) == pytest.approx(0.0, abs=1e-5)
+    raised = turned.clone()
+    raised[:, :, 20, 1] += 0.22
+    assert float(pose_change(before, Motion(raised))) == pytest.approx(0.01, rel=1e-4)  # one joint of 22
+    valid = torch.ones(1, 40, dtype=torch.bool)
+    valid[:, 20:] = False
+    raised[:, 20:] = 9.0
+    assert float(pose_change(before, Motion(raised, valid=valid))) == pytest.approx(0.01, rel=1e-4)

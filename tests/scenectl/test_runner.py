@@ -13,14 +13,17 @@ import pytest
 import torch
 
 import scenectl as sc
-from objectives import forget
+from objectives import Objective, Term, forget
 from scenectl.control import SolverSettings
-from scenectl.runner import FORMAT, allow_code, load_result, run, score
+from scenectl.generators.base import Generation
+from scenectl.metrics import Scorer
+from scenectl.runner import FORMAT, _ranked, allow_code, load_result, run, score
 from scenes.errors import UserError
 from scenes.motion import Motion, Pose2D
 from scenes.primitives import Box
 from scenes.scene import Scene
 from scenes.skeleton import HUMANML3D
+from tests.scenectl.small import walk
 
 TASK = """
 prompt = "a statue slides"
@@ -70,6 +73,19 @@ def test_run_refines_ranks_and_reports(task_file: Path, tiny: ModuleType) -> Non
     assert report["seed"] == 4
     assert report["samples"][0]["terms"][0]["met"] is True
     assert report["samples"][0]["metrics"]["skating_ratio"] >= 0.0
+
+
+def test_of_samples_that_meet_all_goals_the_least_changed_comes_first(task_file: Path, tiny: ModuleType) -> None:
+    problem = sc.load_task(task_file).build(4)
+    problem = replace(problem, objective=Objective((Term("square_region", {"half": 99.0}),)))
+    before = Motion(walk(60).repeat(3, 1, 1, 1))
+    after = before.joints.clone()
+    for i, change in enumerate((0.2, 0.0, 0.1)):
+        after[i, :, 20] += change  # a wrist
+    after[1] += torch.tensor([0.5, 0.0, 0.3])  # elsewhere, in the same poses
+    _, rows = _ranked(Generation(Motion(after), before), problem, Scorer(problem.scene), lambda what, done: None)
+    assert [row.index for row in rows] == [1, 2, 0] and all(row.met for row in rows)
+    assert rows[0].pose_change == pytest.approx(0.0, abs=1e-6)
 
 
 def test_samples_come_in_the_order_of_their_cost(task_file: Path, tiny: ModuleType) -> None:
