@@ -10,13 +10,14 @@ from scenectl.data.features import features_to_joints
 from scenectl.generators.steps import LatentStep
 from scenectl.models.metric import Metric
 from scenectl.models.refiner import Refiner
+from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES
 from scenectl.models.tokenizer import Tokenizer
 from scenectl.training.dataset import Windows
 from scenectl.training.measures import beginnings
 from scenes.motion import Motion
 
 _CLIPS, _BATCH, _PROBES = 48, 8, 4
-_FRAMES = (64, 196)
+_FRAMES = (64, MAX_FRAMES)
 _SMOOTH = 10.0
 """Weight of a joint's acceleration (m/frame^2) beside its displacement (m): a smooth move counts for less."""
 
@@ -25,12 +26,12 @@ def measure_metric(tokenizer: Tokenizer, refiner: Refiner, data: Windows, seed: 
     """Gradients for random pulls on joints: their mean square is what changes of each embedding do, to first order.
 
     A pull is a normal number on every coordinate of every joint and frame, and another, weighted, on its second
-    difference. Clips of 64 and of 196 frames count alike.
+    difference. Clips of 64 and of 196 frames count alike, where the data has both, or those of 36 where it has neither.
     """
     quantiser, dim = tokenizer.quantiser, tokenizer.config.code_dim
     draw = torch.Generator().manual_seed(seed)
     energy, counted = torch.zeros(quantiser.scales, dim, dim, dtype=torch.float64), torch.zeros(quantiser.scales)
-    for frames in _FRAMES:
+    for frames in [n for n in _FRAMES if bool((data.lengths >= n).any())] or [MIN_FRAMES]:
         for features in beginnings(data, frames, _CLIPS, seed).split(_BATCH):
             with torch.no_grad():
                 tokens = tokenizer.encode(features)

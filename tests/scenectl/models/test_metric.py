@@ -79,6 +79,14 @@ def test_its_measurement_is_a_mean_whatever_was_drawn() -> None:
     assert float(got.root[0].norm()) < float(got.root[-1].norm())
 
 
+@pytest.mark.parametrize("frames", [40, 100])
+def test_it_is_measured_on_short_clips_where_there_are_no_others(frames: int) -> None:
+    rows = joints_to_features(walk(frames + 1))
+    data = Windows(rows, torch.tensor([0, frames]), [["a"]], ["a"], ["cmu"], ["a"], ["free"], [True])
+    made = bundle()
+    assert bool(measure_metric(made.tokenizer, made.refiner, data).root.isfinite().all())
+
+
 def test_refinement_searches_in_its_coordinates() -> None:
     made = bundle()
     metric = adopted(energies_of_model())

@@ -155,7 +155,7 @@ def test_bundled_weights_are_known_by_name_to_tasks_and_generators(
 def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     weights = run / "weights"
     assert {p.name for p in weights.iterdir()} == {
-        *(f"{part}.safetensors" for part in ("tokenizer", "transformer", "refiner")),
+        *(f"{part}.safetensors" for part in ("tokenizer", "transformer", "refiner", "metric")),
         "MODEL_CARD.md",
         "metrics.json",
         "curves.png",
