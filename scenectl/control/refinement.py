@@ -128,7 +128,7 @@ class Refinement:
 
     def _finish_unpolished(self, step: Step, samples: Int[Tensor, " s"]) -> None:
         value = self.solution.value.view_as(step.value)[samples]
-        found = self._solved(step.at(value), value, self._objective, self._solver)
+        found = self._solved(step.at(value), value, self._objective, body.finish(self._solver))
         better = self._objective.met(self._motion(step.at(value), found), self._context)
         if self._solver.natural:
             before = step.at(step.value[samples])

@@ -26,7 +26,8 @@ class SolverSettings(BaseModel):
         name: "auto" (default) takes what fits the goals: "lm" (Levenberg-Marquardt in dual form) for few equations,
             "gauss_newton" (by conjugate gradients) for many, "lbfgs" where there are goals that hold only on one
             side, such as walls. Or "adam", or "gradient": the paper's ascent with a constant step.
-        iterations: at most this many steps; 0 switches refinement off.
+        iterations: at most this many steps (a tenth where "auto" takes Gauss-Newton, whose are long); 0 switches
+            refinement off.
         step: step size; by default 0.05 for Adam and the paper's 0.01 for gradient ascent. L-BFGS finds its own.
         prior: pull towards where a search begins, in units of cost per squared distance in the step's coordinates:
             keeps what goals leave free as the generator made it.

@@ -15,6 +15,9 @@ Name = Literal["gradient", "adam", "lbfgs", "lm", "gauss_newton"]
 FEW_ROWS = 48
 """Rows up to which a system of their own size, and a backward pass for each, is cheaper than products with J."""
 
+_PASSES = 10
+"""That a step of Gauss-Newton takes, about: where it is chosen, it makes so many times fewer steps than others."""
+
 _SOLVERS: dict[str, Callable[[Search], None]] = {
     "gradient": gradient_ascent,
     "adam": adam,
@@ -27,6 +30,8 @@ _SOLVERS: dict[str, Callable[[Search], None]] = {
 def minimise(problem: Problem, settings: SolverSettings) -> Solution:
     """Minimise each sample's cost from the problem's start, by the solver of the settings or by the fitting one."""
     name = choose(problem) if settings.name == "auto" else settings.name
+    if settings.name == "auto" and name == "gauss_newton":
+        settings = settings.model_copy(update={"iterations": -(-settings.iterations // _PASSES)})
     search = Search(problem, settings, name)
     _SOLVERS[name](search)
     return search.solution
