@@ -260,19 +260,34 @@ class Interpolant(torch.autograd.Function):
         points, gradient = ctx.saved_tensors
         if not torch.is_grad_enabled():  # nobody can ask for a second derivative
             return _scaled(points, gradient, grad_output), None
-        return _Scaled.apply(points, gradient, grad_output), None  # type: ignore[no-untyped-call]
+        return _Scaled.apply(_Once.apply(points), gradient, grad_output), None  # type: ignore[no-untyped-call]
 
 
 class _Scaled(torch.autograd.Function):
-    """The first derivative, which refuses a second.
+    """The first derivative: linear in the gradient that comes in, which Gauss-Newton's products ask for, and no more.
 
-    torch's `once_differentiable` only refuses where the incoming gradient is itself differentiable, and otherwise
-    treats the first derivative as a constant without a word.
+    A second derivative in the points is refused by `_Once`, through which they come. torch's `once_differentiable`
+    refuses both, and only where the incoming gradient is itself differentiable: otherwise it treats the first
+    derivative as a constant without a word.
     """
 
     @staticmethod
     def forward(ctx: Any, points: Tensor, gradient: Tensor, grad_output: Tensor) -> Tensor:
+        ctx.save_for_backward(points, gradient)
         return _scaled(points, gradient, grad_output)
+
+    @staticmethod
+    def backward(ctx: Any, cotangent: Tensor) -> tuple[Tensor, None, Tensor]:
+        points, gradient = ctx.saved_tensors
+        return torch.zeros_like(points), None, (gradient.view(points.shape) * cotangent).sum(-1)
+
+
+class _Once(torch.autograd.Function):
+    """Points as they are, with a refusal for whoever differentiates a gradient in them."""
+
+    @staticmethod
+    def forward(ctx: Any, points: Tensor) -> Tensor:
+        return points.view_as(points)
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: Tensor) -> None:

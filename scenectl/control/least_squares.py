@@ -7,9 +7,18 @@ Both minimise, around a point x,
 where x0 is the generator's own value, so that what the goals leave free stays as it was made. With few rows the dual
 form of the solution is cheap and exact: a system of as many unknowns as rows. With many, conjugate gradients need
 only products with J. The damping is each sample's own, and so are acceptance and rejection.
+
+Rows of hinges (walls, limits) count by max(0, r + J d). Where such a row sleeps, its gradient is zero and says nothing
+of the wall behind it, so each keeps the plane that it had where it was last awake, on the way or at a trial that came
+to nothing; the set of rows that count is found anew for every step (a semismooth Newton method, which for the dual is
+the primal-dual active set method: Hintermüller, Ito and Kunisch 2002). A trial that wakes a row for the first time
+teaches the model and does not count against the damping.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -23,6 +32,10 @@ _LEAST_DAMPING = 1e-8
 _GOOD = 0.1
 """A Jacobian serves once more where the cost has fallen to this share of what it was, or lower."""
 _CG_ITERATIONS, _CG_TOLERANCE = 20, 0.05
+_ROUNDS = 6
+"""Of finding which one-sided rows count for a step."""
+_MANY = 96
+"""Rows, of all samples together, for which Levenberg-Marquardt no longer forms J and goes on as Gauss-Newton."""
 
 
 class _Damping:
@@ -40,119 +53,303 @@ class _Damping:
         self._growth = torch.where(tried, growth, self._growth)
 
 
+class _Hinges:
+    """Which rows hold on one side only: those seen at exactly zero, and never below."""
+
+    def __init__(self, rows: Float[Tensor, "S R"]) -> None:
+        self._slept, self._below = rows == 0, rows < 0
+
+    def see(self, rows: Float[Tensor, "S R"]) -> None:
+        """Take note of the rows at another point."""
+        self._slept, self._below = self._slept | (rows == 0), self._below | (rows < 0)
+
+    @property
+    def one_sided(self) -> Bool[Tensor, "S R"]:
+        return self._slept & ~self._below
+
+
 def levenberg_marquardt(search: Search) -> None:
     """Dual steps; a Jacobian is kept for as long as steps with it go well."""
     x = search.start
     value, at = search.linearise(x)
     search.accept(x, value, at.met)
-    r, (rows, jacobian) = at.rows, _active(at)
-    damping = _Damping(_FIRST_DAMPING * jacobian.square().sum(-1).mean(-1).nan_to_num(0.0))
-    stale = torch.zeros_like(search.active)
+    model, hinges = _Rows.of(at), _Hinges(at.rows)
+    damping = _Damping(_FIRST_DAMPING * model.jacobian.square().sum(-1).mean(-1).nan_to_num(0.0))
+    stale, spared = torch.zeros_like(search.active), torch.zeros_like(search.active)
     for _ in range(search.settings.iterations):
         if not search.active.any():
             return
-        step = _dual_step(r[:, rows], jacobian, search, x, damping.value)
+        if model.chosen.sum() > _MANY:
+            return gauss_newton(search, x)
+        step = _dual_step(model, search, x, damping.value)
         trial = torch.where(search.active[:, None], x + step, x)
         trial_value, trial_at = search.linearise(trial)
+        hinges.see(trial_at.rows)
         better = trial_value < value
-        gain = (value - trial_value) / _foretold(r[:, rows], jacobian, search, x, step).clamp_min(1e-12)
-        damping.update(gain, better, search.active & (better | ~stale))
+        woken = model.unforeseen(trial_at) & search.active
+        surprised = woken & ~better & ~spared
+        failed = search.active & stale & ~better & ~surprised
+        spared = ~better & (spared | surprised)
+        gain = (value - trial_value) / _foretold([model], [model.linear(step)], search, x, step)
+        damping.update(gain, better, search.active & (better | ~(stale | surprised)))
         search.accept(trial, trial_value, trial_at.met)
-        failed = search.active & stale & ~better  # the old Jacobian is to blame, and not the damping
         good = better & (trial_value <= _GOOD * value)
-        r = torch.where(better[:, None], trial_at.rows, r)
+        model = model.moved(step, trial_at.rows, better)
         x, value = torch.where(better[:, None], trial, x), torch.where(better, trial_value, value)
-        woken = (r != 0).any(0)
-        renew = search.active & (failed | (better & ~good) | (better & bool((woken & ~rows).any())))
-        if renew.any():
-            at = trial_at if not failed.any() else search.linearise(x)[1]
-            now, fresh = _active(at, woken | rows)
-            jacobian = torch.where(renew[:, None, None], fresh, _widened(jacobian, rows, now))
-            rows = now
+        if bool((woken & ~better).any()):
+            model = model.warned(trial_at, step, woken & ~better)
+        renew = failed | (search.active & better & (~good | woken))
+        if renew.any():  # where failed, the old Jacobian is to blame, and not the damping
+            model = model.renewed(trial_at if not failed.any() else search.linearise(x)[1], renew)
+        model = model.with_hinges(hinges)
         stale = ~renew & (stale | better)
 
 
-def _dual_step(
-    r: Float[Tensor, "S r"], jacobian: Float[Tensor, "S r n"], search: Search, x: Tensor, damping: Float[Tensor, " S"]
-) -> Float[Tensor, "S n"]:
+@dataclass(frozen=True)
+class _Rows:
+    """Rows as first-order functions around a point, each with the gradient from where it was last awake.
+
+    Attributes:
+        chosen: those that were awake anywhere; the others are met, and their gradients zero.
+        value: of the chosen ones at the point, at most 0 where they sleep.
+        jacobian: their gradients; zero where a sample knows none.
+        one_sided: which of them are hinges.
+    """
+
+    chosen: Bool[Tensor, " R"]
+    value: Float[Tensor, "S r"]
+    jacobian: Float[Tensor, "S r n"]
+    one_sided: Bool[Tensor, "S r"]
+
+    @classmethod
+    def of(cls, at: Linearisation) -> _Rows:
+        """What is awake at a point."""
+        chosen = (at.rows != 0).any(0)
+        value = at.rows[:, chosen]
+        return cls(chosen, value, at.jacobian(chosen), value == 0)
+
+    def linear(self, step: Float[Tensor, "S n"]) -> Float[Tensor, "S r"]:
+        """Values at a step from the point."""
+        return self.value + (self.jacobian @ step[..., None]).squeeze(-1)
+
+    def counts(self, value: Float[Tensor, "S r"]) -> Bool[Tensor, "S r"]:
+        """Which rows have a cost at such values."""
+        return ~self.one_sided | (value > 0)
+
+    def unforeseen(self, at: Linearisation) -> Bool[Tensor, " S"]:
+        """Samples with a row awake whose gradient is not known."""
+        known = torch.zeros_like(at.rows, dtype=torch.bool)
+        known[:, self.chosen] = (self.jacobian != 0).any(-1)
+        return ((at.rows != 0) & ~known).any(1)
+
+    def moved(self, step: Float[Tensor, "S n"], rows: Float[Tensor, "S R"], samples: Bool[Tensor, " S"]) -> _Rows:
+        """The point moved by a step, in some samples, to where the rows are these."""
+        now, guessed = rows[:, self.chosen], self.linear(step)
+        wrong = samples[:, None] & (now == 0) & (guessed > 0)
+        value = torch.where(now == 0, guessed.clamp_max(0), now)
+        jacobian = torch.where(wrong[..., None], 0.0, self.jacobian)
+        return replace(self, value=torch.where(samples[:, None], value, self.value), jacobian=jacobian)
+
+    def warned(self, at: Linearisation, step: Float[Tensor, "S n"], samples: Bool[Tensor, " S"]) -> _Rows:
+        """With planes of rows that sleep at the point, from where they are awake a step away, in some samples."""
+        wide, fresh = self._with(at)
+        back = at.rows[:, wide.chosen] - (fresh @ step[..., None]).squeeze(-1)
+        news = samples[:, None] & (at.rows[:, wide.chosen] > 0) & (wide.value <= 0) & (back <= 0)
+        jacobian = torch.where(news[..., None], fresh, wide.jacobian)
+        return replace(wide, value=torch.where(news, back, wide.value), jacobian=jacobian)
+
+    def renewed(self, at: Linearisation, samples: Bool[Tensor, " S"]) -> _Rows:
+        """With the gradients at the point itself for what is awake there, in some samples."""
+        wide, fresh = self._with(at)
+        rows = at.rows[:, wide.chosen]
+        news = samples[:, None] & (rows != 0)
+        jacobian = torch.where(news[..., None], fresh, wide.jacobian)
+        return replace(wide, value=torch.where(news, rows, wide.value), jacobian=jacobian)
+
+    def with_hinges(self, hinges: _Hinges) -> _Rows:
+        return replace(self, one_sided=hinges.one_sided[:, self.chosen])
+
+    def _with(self, at: Linearisation) -> tuple[_Rows, Float[Tensor, "S r n"]]:
+        """Wide enough for what is awake at a point, and the Jacobian there."""
+        chosen = self.chosen | (at.rows != 0).any(0)
+        held = self.chosen[chosen]
+        value, one_sided = at.rows.new_zeros(len(at.rows), len(held)), torch.ones(len(at.rows), len(held)).bool()
+        jacobian = self.jacobian.new_zeros(*value.shape, self.jacobian.shape[-1])
+        value[:, held], one_sided[:, held], jacobian[:, held] = self.value, self.one_sided, self.jacobian
+        return _Rows(chosen, value, jacobian, one_sided), at.jacobian(chosen)
+
+
+def _dual_step(model: _Rows, search: Search, x: Tensor, damping: Float[Tensor, " S"]) -> Float[Tensor, "S n"]:
     """The minimiser, by the push-through identity: a system of as many unknowns as rows for every sample."""
     prior = search.settings.prior
     total = prior + damping
     home = (prior / total)[:, None] * (search.start - x)
-    gram = jacobian @ jacobian.mT
-    system = gram + total[:, None, None] * torch.eye(gram.shape[-1], dtype=gram.dtype)
-    wanted = -(r + (jacobian @ home[..., None]).squeeze(-1))
-    factor, _ = torch.linalg.cholesky_ex(system)
-    dual = torch.cholesky_solve(wanted[..., None], factor)
-    step = home + (jacobian.mT @ dual).squeeze(-1)
-    return torch.nan_to_num(step, 0.0, 0.0, 0.0)
+    gram = model.jacobian @ model.jacobian.mT
+    wanted = -model.linear(home)
+    step, counts = home, model.counts(model.value)
+    for _ in range(_ROUNDS):
+        # A row that doesn't count has a system of its own, with the answer 0.
+        system = gram * counts[:, None] * counts[..., None] + torch.diag_embed(total[:, None].expand_as(wanted))
+        factor, _ = torch.linalg.cholesky_ex(system)
+        dual = torch.cholesky_solve((wanted * counts)[..., None], factor)
+        step = torch.nan_to_num(home + (model.jacobian.mT @ dual).squeeze(-1), 0.0, 0.0, 0.0)
+        before, counts = counts, model.counts(model.linear(step))
+        if torch.equal(before, counts):
+            break
+    return step
 
 
-def _foretold(r: Tensor, jacobian: Tensor, search: Search, x: Tensor, step: Tensor) -> Float[Tensor, " S"]:
-    """By how much the linear model says that the cost falls."""
-    linear = (jacobian @ step[..., None]).squeeze(-1)
+def _foretold(
+    planes: Sequence[_Rows | _Plane], linear: Sequence[Tensor], search: Search, x: Tensor, step: Tensor
+) -> Float[Tensor, " S"]:
+    """By how much the model says that the cost falls, with its rows as they are `linear` ly after the step."""
     away, prior = x - search.start, search.settings.prior
-    goals = r.square().sum(1) - (r + linear).square().sum(1)
-    return goals + prior * (away.square().sum(1) - (away + step).square().sum(1))
+    fall = prior * (away.square().sum(1) - (away + step).square().sum(1))
+    for plane, value in zip(planes, linear, strict=True):
+        before, after = (v * plane.counts(v) for v in (plane.value, value))
+        fall = fall + before.square().sum(1) - after.square().sum(1)
+    return fall.clamp_min(1e-12)
 
 
-def _active(at: Linearisation, rows: Bool[Tensor, " R"] | None = None) -> tuple[Tensor, Float[Tensor, "S r n"]]:
-    """Rows that say anything in some sample, and their Jacobian; the others are met, and their gradients zero."""
-    rows = (at.rows != 0).any(0) if rows is None else rows
-    return rows, at.jacobian(rows)
+def gauss_newton(search: Search, x: Float[Tensor, "S n"] | None = None) -> None:
+    """Steps by conjugate gradients on the normal equations, truncated (Nocedal and Wright, algorithm 7.1).
 
-
-def _widened(jacobian: Float[Tensor, "S r n"], rows: Bool[Tensor, " R"], now: Bool[Tensor, " R"]) -> Tensor:
-    """The Jacobian of some rows as one of more, which were of no account."""
-    if torch.equal(rows, now):
-        return jacobian
-    wide = jacobian.new_zeros(len(jacobian), int(now.sum()), jacobian.shape[-1])
-    wide[:, rows[now]] = jacobian
-    return wide
-
-
-def gauss_newton(search: Search) -> None:
-    """Steps by conjugate gradients on the normal equations, truncated (Nocedal and Wright, algorithm 7.1)."""
-    x = search.start
+    Args:
+        search: what to solve.
+        x: where to begin instead of the problem's start.
+    """
+    x = search.start if x is None else x
     value, at = search.linearise(x)
     search.accept(x, value, at.met)
-    damping = _Damping(_FIRST_DAMPING * at.rows.square().mean(1))
+    damping, hinges = _Damping(_FIRST_DAMPING * at.rows.square().mean(1)), _Hinges(at.rows)
+    behind: list[_Left] = []
+    spared = torch.zeros_like(search.active)
     for _ in range(search.settings.iterations):
         if not search.active.any():
             return
-        step, foretold = _conjugate_gradients(at, search, x, damping.value)
+        here = _Plane(at, at.rows, at.rows != 0, hinges.one_sided)
+        planes = [here, *(left.seen_from(x, hinges) for left in behind)]
+        step, linear = _conjugate_gradients(planes, search, x, damping.value)
         trial = torch.where(search.active[:, None], x + step, x)
         trial_value, trial_at = search.linearise(trial)
+        hinges.see(trial_at.rows)
         better = trial_value < value
-        damping.update((value - trial_value) / foretold.clamp_min(1e-12), better, search.active)
+        foretold = _foretold(planes, linear, search, x, step)
+        warned = (trial_at.rows > 0) & (at.rows == 0) & ~better[:, None]
+        surprised = warned.any(1) & ~spared
+        spared = ~better & (spared | surprised)
+        damping.update((value - trial_value) / foretold, better, search.active & ~surprised)
         search.accept(trial, trial_value, trial_at.met)
+        before, before_x = at, x
         x, value = torch.where(better[:, None], trial, x), torch.where(better, trial_value, value)
         if better.any():
             at = trial_at if bool((better | ~search.active).all()) else search.linearise(x)[1]
+        left = (before.rows > 0) & (at.rows == 0) & better[:, None]
+        behind = _kept(behind, [_Left(before, before_x, left), _Left(trial_at, trial, warned)], at)
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """Rows as first-order functions around a point, by products with a Jacobian.
+
+    Attributes:
+        at: whose Jacobian it is.
+        value: of the rows at the point.
+        mine: those for which this Jacobian is the one that counts.
+        one_sided: which are hinges.
+    """
+
+    at: Linearisation
+    value: Float[Tensor, "S R"]
+    mine: Bool[Tensor, "S R"]
+    one_sided: Bool[Tensor, "S R"]
+
+    def counts(self, value: Float[Tensor, "S R"]) -> Bool[Tensor, "S R"]:
+        """Which rows have a cost at such values."""
+        return self.mine & (~self.one_sided | (value > 0))
+
+
+@dataclass(frozen=True)
+class _Left:
+    """A point where rows were awake that sleep now.
+
+    Attributes:
+        at: the goals there.
+        x: the point.
+        rows: those whose last awake point this is.
+    """
+
+    at: Linearisation
+    x: Float[Tensor, "S n"]
+    rows: Bool[Tensor, "S R"]
+
+    def seen_from(self, x: Float[Tensor, "S n"], hinges: _Hinges) -> _Plane:
+        """Its planes around another point, at which the rows sleep."""
+        guessed = self.at.rows + self.at.jvp(x - self.x)
+        return _Plane(self.at, guessed.clamp_max(0), self.rows, hinges.one_sided)
+
+
+def _kept(behind: Sequence[_Left], new: Sequence[_Left], at: Linearisation) -> list[_Left]:
+    """Each sample's latest point that has a say; none about rows that are awake at the point itself."""
+    kept: list[_Left] = []
+    spoken_for = at.rows != 0
+    for left in [*reversed(new), *reversed(behind)]:
+        rows = left.rows & ~spoken_for
+        if rows.any():
+            kept.append(replace(left, rows=rows))
+            spoken_for = spoken_for | rows.any(1)[:, None]
+    return kept[::-1]
 
 
 def _conjugate_gradients(
-    at: Linearisation, search: Search, x: Tensor, damping: Float[Tensor, " S"]
-) -> tuple[Float[Tensor, "S n"], Float[Tensor, " S"]]:
-    """A step, and by how much the linear model says that the cost falls."""
+    planes: Sequence[_Plane], search: Search, x: Tensor, damping: Float[Tensor, " S"]
+) -> tuple[Float[Tensor, "S n"], list[Float[Tensor, "S R"]]]:
+    """A step, and each plane's rows after it."""
+    step, counts = torch.zeros_like(x), [plane.counts(plane.value) for plane in planes]
+    left = _CG_ITERATIONS
+    for _ in range(_ROUNDS):
+        step, spent = _truncated(planes, counts, search, x, step, damping, left)
+        left -= spent
+        linear = [plane.value + plane.at.jvp(step) for plane in planes]
+        before, counts = counts, [plane.counts(value) for plane, value in zip(planes, linear, strict=True)]
+        if left <= 0 or all(torch.equal(a, b) for a, b in zip(before, counts, strict=True)):
+            break
+    return step, linear
+
+
+def _truncated(
+    planes: Sequence[_Plane],
+    counts: Sequence[Bool[Tensor, "S R"]],
+    search: Search,
+    x: Tensor,
+    step: Float[Tensor, "S n"],
+    damping: Float[Tensor, " S"],
+    iterations: int,
+) -> tuple[Float[Tensor, "S n"], int]:
+    """Conjugate gradients from a step, for the rows that count, and how many iterations were spent."""
     prior = search.settings.prior
     total = (prior + damping)[:, None]
-    downhill = prior * (search.start - x) - at.vjp(at.rows)
-    rest = downhill
-    step, direction = torch.zeros_like(rest), rest.clone()
-    size = begun = rest.square().sum(1)
-    for _ in range(_CG_ITERATIONS):
-        if bool((size <= _CG_TOLERANCE**2 * begun).all()):
-            break
-        image = at.vjp(at.jvp(direction)) + total * direction
-        search.solution.evaluations += 1
-        curvature = (direction * image).sum(1)
+
+    def image(d: Tensor) -> Tensor:
+        search.solution.evaluations += len(planes)
+        out = total * d
+        for plane, mine in zip(planes, counts, strict=True):
+            out = out + plane.at.vjp(plane.at.jvp(d) * mine)
+        return out
+
+    downhill = prior * (search.start - x)
+    for plane, mine in zip(planes, counts, strict=True):
+        downhill = downhill - plane.at.vjp(plane.value * mine)
+    rest = downhill - image(step) if step.any() else downhill
+    direction, size, begun = rest.clone(), rest.square().sum(1), downhill.square().sum(1)
+    spent = 0
+    while spent < iterations and bool((size > _CG_TOLERANCE**2 * begun).any()):
+        spent += 1
+        curved = image(direction)
+        curvature = (direction * curved).sum(1)
         length = torch.where(curvature > 0, size / curvature.clamp_min(1e-30), torch.zeros_like(size))[:, None]
-        step, rest = step + length * direction, rest - length * image
+        step, rest = step + length * direction, rest - length * curved
         now = rest.square().sum(1)
         direction = rest + (now / size.clamp_min(1e-30))[:, None] * direction
         size = now
-    step = torch.nan_to_num(step, 0.0, 0.0, 0.0)
-    # The model's curvature along the step is step . (downhill - rest), damping included, which is no part of the cost.
-    curvature = (step * (downhill - rest)).sum(1) - damping * step.square().sum(1)
-    return step, 2 * (step * downhill).sum(1) - curvature
+    return torch.nan_to_num(step, 0.0, 0.0, 0.0), spent
