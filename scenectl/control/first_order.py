@@ -7,6 +7,7 @@ batch gives what a loop over its samples would.
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.control.problem import Search
@@ -45,9 +46,14 @@ _WOLFE_DECREASE, _WOLFE_CURVATURE = 1e-4, 0.9
 _MAX_SEARCH = 10
 
 
-def lbfgs(search: Search) -> None:
-    """L-BFGS with a strong-Wolfe search by bisection, batched (Nocedal and Wright, algorithms 7.4 and 3.5)."""
-    x = search.start.clone()
+def lbfgs(search: Search, x: Float[Tensor, "S n"] | None = None) -> None:
+    """L-BFGS with a strong-Wolfe search by bisection, batched (Nocedal and Wright, algorithms 7.4 and 3.5).
+
+    Args:
+        search: what to solve.
+        x: where to begin instead of the problem's start.
+    """
+    x = search.start.clone() if x is None else x
     value, gradient = search.evaluate(x)
     search.accept(x, value)
     pairs: list[tuple[Tensor, Tensor, Tensor]] = []
@@ -60,8 +66,11 @@ def lbfgs(search: Search) -> None:
         short = (0.1 / gradient.norm(dim=1).clamp_min(1e-12)).clamp_max(1.0)
         length = torch.where(fresh, short, torch.ones_like(short)) * search.active
         moved, new_value, new_gradient = _line_search(search, x, value, gradient, direction, length)
-        # A kink in the cost (a wall, a hinge) can spoil the memory: a sample whose search found nothing forgets it.
-        fresh = (moved == x).all(1)
+        # A kink in the cost (a wall, a hinge) can spoil the memory: a sample whose search found nothing forgets it, and
+        # is done if it had none, as it would only try the same again.
+        still = (moved == x).all(1)
+        search.retire(still & fresh, "no progress")
+        fresh = still
         pairs = [(s, y, torch.where(fresh, torch.zeros_like(rho), rho)) for s, y, rho in pairs]
         s, y = moved - x, new_gradient - gradient
         sy = (s * y).sum(1)

@@ -24,6 +24,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from scenectl.control.first_order import lbfgs
 from scenectl.control.problem import Linearisation, Search
 
 _FIRST_DAMPING = 5e-2
@@ -34,8 +35,9 @@ _GOOD = 0.1
 _CG_ITERATIONS, _CG_TOLERANCE = 20, 0.05
 _ROUNDS = 6
 """Of finding which one-sided rows count for a step."""
-_MANY = 96
-"""Rows, of all samples together, for which Levenberg-Marquardt no longer forms J and goes on as Gauss-Newton."""
+_MANY, _WOKEN = 640, 48
+"""Rows of all samples together, and rows that wake on the way, with which Levenberg-Marquardt goes on as L-BFGS: each
+costs it a backward pass wherever it forms J."""
 
 
 class _Damping:
@@ -73,14 +75,16 @@ def levenberg_marquardt(search: Search) -> None:
     x = search.start
     value, at = search.linearise(x)
     search.accept(x, value, at.met)
+    first = (at.rows != 0).any(0)
+    if first.sum() > _MANY:
+        lbfgs(search, x)
+        return
     model, hinges = _Rows.of(at), _Hinges(at.rows)
     damping = _Damping(_FIRST_DAMPING * model.jacobian.square().sum(-1).mean(-1).nan_to_num(0.0))
     stale, spared = torch.zeros_like(search.active), torch.zeros_like(search.active)
     for _ in range(search.settings.iterations):
         if not search.active.any():
             return
-        if model.chosen.sum() > _MANY:
-            return gauss_newton(search, x)
         step = _dual_step(model, search, x, damping.value)
         trial = torch.where(search.active[:, None], x + step, x)
         trial_value, trial_at = search.linearise(trial)
@@ -96,6 +100,10 @@ def levenberg_marquardt(search: Search) -> None:
         good = better & (trial_value <= _GOOD * value)
         model = model.moved(step, trial_at.rows, better)
         x, value = torch.where(better[:, None], trial, x), torch.where(better, trial_value, value)
+        awake = (trial_at.rows != 0).any(0) | model.chosen
+        if (awake & ~first).sum() > _WOKEN:
+            lbfgs(search, x)
+            return
         if bool((woken & ~better).any()):
             model = model.warned(trial_at, step, woken & ~better)
         renew = failed | (search.active & better & (~good | woken))
@@ -211,14 +219,9 @@ def _foretold(
     return fall.clamp_min(1e-12)
 
 
-def gauss_newton(search: Search, x: Float[Tensor, "S n"] | None = None) -> None:
-    """Steps by conjugate gradients on the normal equations, truncated (Nocedal and Wright, algorithm 7.1).
-
-    Args:
-        search: what to solve.
-        x: where to begin instead of the problem's start.
-    """
-    x = search.start if x is None else x
+def gauss_newton(search: Search) -> None:
+    """Steps by conjugate gradients on the normal equations, truncated (Nocedal and Wright, algorithm 7.1)."""
+    x = search.start
     value, at = search.linearise(x)
     search.accept(x, value, at.met)
     damping, hinges = _Damping(_FIRST_DAMPING * at.rows.square().mean(1)), _Hinges(at.rows)

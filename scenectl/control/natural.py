@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
@@ -28,8 +29,19 @@ STRETCH, TORN = 0.005, 0.02
 """Metres by which bones may be further from their lengths than before: in the mean, and in that of any one frame."""
 LIFT = 0.03
 """Metres by which a foot that stood may be lifted."""
-SOLVED, LENIENCY = 1e-3, 3.0
-"""Where refinement leaves no more than this share of the goals' cost, so many times as much is borne."""
+SOLVED = 1e-3
+"""Share of the goals' cost that refinement leaves at most where all is as good as met."""
+
+
+class Leniency(NamedTuple):
+    """By how many times what is borne may be wider, of bones and of feet."""
+
+    bones: float
+    feet: float
+
+
+STRICT, LENIENT, HOPEFUL = Leniency(1.0, 1.0), Leniency(3.0, 2.0), Leniency(4.0, 10.0)
+"""What a body bears; what for goals that are met; and from where a body may still be talked into meeting them."""
 _LED = 0.2
 """Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
 before, and letting go of what is far off would let go of the way: such goals are left to the solver."""
@@ -39,16 +51,18 @@ _HELD = 0.05
 """Metres beyond which a target pulls no harder."""
 FAR, OFF = 0.3, 0.03
 """Metres beyond which a target pulls less and less: first only what is hopeless is let go of, then what is missed."""
+_NEAR, _INSISTENCE = 0.15, 20.0
+"""Metres from targets at which a body's costs may only be holding it up, and by how much more targets count then."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
 _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
     Term("smoothness", weight=20.0),
-    Term("foot_skating", weight=1.0),
+    Term("foot_skating", weight=3.0),
 )
-_FOOT = 2e3
-"""Cost per squared metre by which a standing foot is lifted, each frame."""
+_FOOT, _FIRM_FOOT = 2e3, 4e3
+"""Cost per squared metre by which a standing foot is lifted, each frame; and where goals pull the harder."""
 
 
 class Natural:
@@ -60,10 +74,11 @@ class Natural:
 
     def __init__(self, objective: Objective, before: Motion, context: Context) -> None:
         self._goals = objective
-        self.objective = self._with_body("huber", _HELD)
-        self._feet = before.select(FEET)
-        height = foot_heights(self._feet, before, context)
-        moved = torch.nn.functional.pad(self._feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
+        self.objective, self._foot = self._with_body("huber", _HELD), _FOOT
+        feet = before.select(FEET)
+        height = foot_heights(feet, before, context)
+        moved = torch.nn.functional.pad(feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
+        self._rest = feet[..., 1] + (-height).clamp_min(0.0)  # out of the floor is no lift
         free = torch.tensor([foot not in _asked(objective) for foot in FEET])
         self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
         self._stretched = bone_errors(before)
@@ -75,6 +90,17 @@ class Natural:
         other.objective = self._with_body("geman_mcclure", FAR)
         return other
 
+    def insisting(self) -> Natural:
+        """The same with goals that pull the harder, and feet that hold on the harder."""
+        other = copy(self)
+        pulling = (replace(t, weight=_INSISTENCE * t.weight) if t.spec.pulls else t for t in self._goals.counted)
+        other.objective, other._foot = Objective((*pulling, *_BODY)), _FIRM_FOOT
+        return other
+
+    def in_reach(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:
+        """Samples whose goals that pull are all nearly met."""
+        return Objective(tuple(_nearly(t) for t in self._goals.counted if t.spec.pulls)).met(motion, context)
+
     @property
     def without_outliers(self) -> Objective:
         """The goals alone, of which those that pull let go of what is further off than `OFF`."""
@@ -84,17 +110,17 @@ class Natural:
         return Objective((*_with_kernel(self._goals, kernel, delta), *_BODY))
 
     @torch.no_grad()
-    def strained(self, after: Motion, leniency: float = 1.0) -> Bool[Tensor, " S"]:
+    def strained(self, after: Motion, leniency: Leniency = STRICT) -> Bool[Tensor, " S"]:
         """Samples with longer or shorter bones than before, or with a foot in the air that stood.
 
         None where goals lead the body along most of its way. A foot that a goal asks for may be lifted. All limits are
         so many times as wide as `leniency` says.
         """
-        now, before, lift = bone_errors(after), self._stretched, leniency * LIFT
+        now, before, lift = bone_errors(after), self._stretched, leniency.feet * LIFT
         if self._led:
             return torch.zeros_like(now[:, 0], dtype=torch.bool)
-        stretched = now.mean(-1) > before.mean(-1) + leniency * STRETCH
-        torn = now.amax(-1) > before.amax(-1) + leniency * TORN
+        stretched = now.mean(-1) > before.mean(-1) + leniency.bones * STRETCH
+        torn = now.amax(-1) > before.amax(-1) + leniency.bones * TORN
         return stretched | torn | (self.lift(after) > lift)
 
     def lift(self, after: Motion) -> Float[Tensor, " S"]:
@@ -118,11 +144,11 @@ class Natural:
 
     def _footing(self, motion: Motion) -> Float[Tensor, "S T 2"]:
         """Rows on standing feet that are lifted."""
-        return _FOOT**0.5 * self._raised(motion).clamp_min(0.0)
+        return self._foot**0.5 * self._raised(motion).clamp_min(0.0)
 
     def _raised(self, motion: Motion) -> Float[Tensor, "S T 2"]:
-        """How much higher (m) each foot is than when it stood; 0 where it didn't."""
-        return (motion.select(FEET)[..., 1] - self._feet[..., 1]) * self._stands
+        """How much higher (m) each foot is than when it stood, or than the floor it stood in; 0 where it didn't."""
+        return (motion.select(FEET)[..., 1] - self._rest) * self._stands
 
 
 def approach(settings: SolverSettings) -> SolverSettings:
@@ -139,6 +165,11 @@ def finish(settings: SolverSettings) -> SolverSettings:
 def _share(term: Term, motion: Motion, context: Context) -> float:
     """Of the frames, at how many a term has a say."""
     return float(term.evaluate(motion, context).mask.any(-1).float().mean())
+
+
+def _nearly(term: Term) -> Term:
+    tolerance = term.spec.tolerance if term.tolerance is None else term.tolerance
+    return replace(term, tolerance=max(tolerance, _NEAR)) if term.spec.unit == "m" else term
 
 
 def _asked(objective: Objective) -> set[str]:

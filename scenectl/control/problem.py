@@ -166,16 +166,17 @@ class Search:
         self.solution.cost = torch.where(better, value, best)
         self.solution.history.append(self.solution.cost.clone())
         self.idle = torch.where(worthwhile | best.isinf(), torch.zeros_like(self.idle), self.idle + 1)
-        self._retire(self.idle >= self.settings.patience, "no progress")
+        self.retire(self.idle >= self.settings.patience, "no progress")
         if met is not None:
-            self._retire(better & met, "met")
+            self.retire(better & met, "met")
         elif len(self.solution.history) % _ASK_EVERY == 0:
-            self._retire(self.problem.done(self.solution.value), "met")
+            self.retire(self.problem.done(self.solution.value), "met")
         enough = self.settings.enough
         if enough is not None and self.solution.reasons.count("met") >= enough:
-            self._retire(self.active.clone(), "abandoned")
+            self.retire(self.active.clone(), "abandoned")
 
-    def _retire(self, which: Bool[Tensor, " S"], reason: Reason) -> None:
+    def retire(self, which: Bool[Tensor, " S"], reason: Reason) -> None:
+        """Search no more for some samples."""
         for i in (which & self.active).nonzero()[:, 0].tolist():
             self.solution.reasons[i] = reason
         self.active &= ~which

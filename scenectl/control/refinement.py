@@ -86,24 +86,54 @@ class Refinement:
         # What is met, or nearly, stays so for all that a foot is a little higher or a bone a little longer.
         solved = self._cost(after) <= body.SOLVED * self._cost(step.motion)
         solved |= self._goals.met(after, self._context)
-        worse = torch.where(solved, natural.strained(after, body.LENIENCY), natural.strained(after))
+        worse = torch.where(solved, natural.strained(after, body.LENIENT), natural.strained(after))
         strained = (worse & ~gone).nonzero()[:, 0]
+        hopeful = self._goals.met(after, self._context) & ~natural.strained(after, body.HOPEFUL)
+        met = strained[hopeful[strained]]
+        if len(met):
+            begin = self.solution.value.view_as(step.value)[met]
+            bears = self._insisted(step.at(step.value[met]), begin, met)
+            strained = strained[~torch.isin(strained, met[bears])]
         if len(strained):
             self._eased(step.at(step.value[strained]), strained)
 
     def _eased(self, step: Step, strained: Int[Tensor, " s"]) -> None:
         """The same for the strained ones, of which `step` holds the generator's own values."""
         natural = Natural(self._goals, step.motion, self._context)
+        gentle = self._solved(step, step.value, natural, body.approach(self._solver))
+        self.solution.replace(gentle, strained, torch.ones_like(strained, dtype=torch.bool), "strained")
+        near = natural.in_reach(self._motion(step, gentle), self._context)
+        begin = gentle.value.view_as(step.value)
+        for which, go_on in ((near, self._insisted), (~near, self._let_go)):
+            if which.any():
+                go_on(step.at(step.value[which]), begin[which], strained[which])
+
+    def _insisted(
+        self,
+        step: Step,
+        begin: Float[Tensor, "s *v"],
+        samples: Int[Tensor, " s"],
+        leniency: body.Leniency = body.STRICT,
+    ) -> Bool[Tensor, " s"]:
+        """From near the goals, with the body's costs, and the last of the way without; which samples it helped."""
+        natural = Natural(self._goals, step.motion, self._context)
+        found = self._solved(step, begin, natural.insisting(), body.approach(self._solver))
+        helped = ~natural.strained(self._motion(step, found), leniency)
+        self.solution.replace(found, samples, helped, "strained")
+        closer = self._solved(step, found.value.view_as(begin), self._goals, body.finish(self._solver))
+        there = self._motion(step, closer)
+        bears = self._goals.met(there, self._context) & ~natural.strained(there, leniency)
+        self.solution.replace(closer, samples, bears)
+        return helped | bears
+
+    def _let_go(self, step: Step, begin: Float[Tensor, "s *v"], samples: Int[Tensor, " s"]) -> None:
+        """From where some goals are far off: without those, or after all with them, if a body bears it."""
+        natural = Natural(self._goals, step.motion, self._context)
         approach, finish = body.approach(self._solver), body.finish(self._solver)
 
-        def take(found: Solution, reason: Reason | None) -> Bool[Tensor, " s"]:
-            bears = ~natural.strained(self._motion(step, found))
-            self.solution.replace(found, strained, bears, reason)
-            return bears
+        def take(found: Solution, reason: Reason | None) -> None:
+            self.solution.replace(found, samples, ~natural.strained(self._motion(step, found)), reason)
 
-        gentle = self._solved(step, step.value, natural, approach)
-        self.solution.replace(gentle, strained, torch.ones_like(strained, dtype=torch.bool), "strained")
-        begin = gentle.value.view_as(step.value)
         freed = self._solved(step, begin, natural.letting_go(), approach)
         take(freed, "strained")
         within = freed.value.view_as(step.value)  # to be judged by what comes of it
@@ -117,12 +147,19 @@ class Refinement:
         if not len(near):
             return
         some = replace(motion, joints=motion.joints[near], valid=motion.valid[near])
+        done, moves = torch.zeros_like(near, dtype=torch.bool), torch.zeros_like(some.joints)
         smooth = SmoothStep.of(some)
-        found = self._solved(smooth, smooth.value, self._objective, polishing(self._solver))
-        after = smooth.decode(found.value.view_as(smooth.value))
-        done = bearable(some, after) & self._objective.met(after, self._context)
+        # Targets alone, as so small a move takes other goals out of their tolerances but seldom; then all goals.
+        for goals in (Objective(tuple(t for t in self._objective.counted if t.spec.pulls)), self._objective):
+            found = self._solved(smooth, smooth.value, goals, polishing(self._solver))
+            after = smooth.decode(found.value.view_as(smooth.value))
+            good = bearable(some, after) & self._objective.met(after, self._context) & ~done
+            moves[good] = (after.joints - some.joints)[good]
+            done |= good
+            if done.all():
+                break
         self.moves = torch.zeros_like(motion.joints)
-        self.moves[near[done]] = (after.joints - some.joints)[done]
+        self.moves[near] = moves
         if not done.all():
             self._finish_unpolished(step, near[~done])
 
@@ -133,7 +170,7 @@ class Refinement:
         if self._solver.natural:
             before = step.at(step.value[samples])
             natural = Natural(self._goals, before.motion, self._context)
-            better &= ~natural.strained(self._motion(before, found), body.LENIENCY)
+            better &= ~natural.strained(self._motion(before, found), body.LENIENT)
         self.solution.replace(found, samples, better)
 
     def _met(self, step: Step) -> Bool[Tensor, " S"]:

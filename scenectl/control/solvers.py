@@ -15,6 +15,9 @@ Name = Literal["gradient", "adam", "lbfgs", "lm", "gauss_newton"]
 FEW_ROWS = 48
 """Rows up to which a system of their own size, and a backward pass for each, is cheaper than products with J."""
 
+FEW_AWAKE = 24
+"""The same where other rows sleep: they cost passes as they wake."""
+
 _PASSES = 10
 """That a step of Gauss-Newton takes, about: where it is chosen, it makes so many times fewer steps than others."""
 
@@ -40,13 +43,16 @@ def minimise(problem: Problem, settings: SolverSettings) -> Solution:
 def choose(problem: Problem) -> Name:
     """The solver that fits the rows at the start.
 
-    A row that is exactly zero there belongs to a goal that is one-sided (a wall, a height limit): it may wake up at any
-    step, which second-order models of the rows do not foresee and L-BFGS takes in its stride. Of the others, few make
-    a small dual system and many do not.
+    Few make a small dual system and many do not. A row that is exactly zero there belongs to a goal that is one-sided
+    (a wall, a height limit) and may wake up at any step. Levenberg-Marquardt learns of a few such; where walls wake
+    by the hundred, Gauss-Newton gets there in few steps but pays more passes for each than L-BFGS needs in all.
     """
     if problem.opening is None:
         return "lbfgs"
     rows = problem.opening.rows
-    if not rows.shape[1] or bool((rows == 0).any()) or not bool(rows.isfinite().all()):
+    if not rows.shape[1] or not bool(rows.isfinite().all()):
         return "lbfgs"
-    return "lm" if rows.shape[1] <= FEW_ROWS else "gauss_newton"
+    awake = (rows != 0).any(0)
+    if awake.sum() <= (FEW_ROWS if awake.all() else FEW_AWAKE):
+        return "lm"
+    return "gauss_newton" if awake.all() else "lbfgs"

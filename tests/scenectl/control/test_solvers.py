@@ -252,7 +252,12 @@ def test_solvers_agree_on_what_the_prior_gives_up(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("residual", "columns", "chosen"),
-    [(rosenbrock, 2, "lm"), (lambda x: x.repeat(1, 30) - 7.0, 3, "gauss_newton"), (hinge, 2, "lbfgs")],
+    [
+        (rosenbrock, 2, "lm"),
+        (lambda x: x.repeat(1, 30) - 7.0, 3, "gauss_newton"),
+        (hinge, 2, "lm"),
+        (lambda x: (x.repeat(1, 30) - 2.0).clamp_min(0.0) * (torch.arange(90) < 60), 3, "lbfgs"),
+    ],
 )
 def test_the_solver_is_chosen_by_the_rows(residual: Rows, columns: int, chosen: str) -> None:
     start = torch.full((2, columns), 2.5)
@@ -267,6 +272,84 @@ def test_a_row_that_wakes_up_on_the_way_is_taken_in() -> None:
 
     got = solve(wall, torch.zeros(2, 2), "lm", iterations=60, progress=1e-12)
     assert got.cost.max() < 1e-4
+
+
+def wall(x: Tensor) -> Tensor:
+    """Reach x = 3 from before a stiff wall at x = 1."""
+    return torch.stack([3.0 - x[:, 0], 30 * (x[:, 0] - 1.0).clamp_min(0.0)], dim=1)
+
+
+def pillar(x: Tensor) -> Tensor:
+    """Reach (3, 0) past a disc in the way, which one may not enter."""
+    away = (x - torch.tensor([1.5, 0.3])).norm(dim=1, keepdim=True)
+    return torch.cat([torch.tensor([3.0, 0.0]) - x, 30 * (1.0 - away).clamp_min(0.0)], dim=1)
+
+
+DRAWN = torch.Generator().manual_seed(0)
+PULL, WALLS = torch.randn(20, 8, generator=DRAWN), torch.randn(12, 8, generator=DRAWN)
+
+
+def polyhedron(x: Tensor) -> Tensor:
+    """More pulls than can be met, between twelve stiff walls."""
+    return torch.cat([0.3 * x @ PULL.T - 1, 30 * (x @ WALLS.T - 0.2).clamp_min(0.0)], dim=1)
+
+
+@pytest.mark.parametrize("name", ["lm", "gauss_newton"])
+def test_walls_that_wake_are_met_in_a_few_steps(name: str) -> None:
+    """With no memory of walls both take 10 steps for one wall, and 50 for twelve."""
+    for residual, columns, steps in ((wall, 2, 3), (polyhedron, 8, 6)):
+        got = solve(residual, torch.zeros(1, columns), name, iterations=100, progress=1e-9)
+        exact = solve(residual, torch.zeros(1, columns), "lbfgs", iterations=400, progress=1e-9, patience=50)
+        torch.testing.assert_close(got.cost, exact.cost, atol=1e-3, rtol=1e-4)
+        reached = torch.cat(got.history) <= 1.001 * exact.cost
+        assert int(reached.nonzero()[0]) <= steps
+
+
+@pytest.mark.parametrize("name", ["lm", "gauss_newton"])
+def test_walls_that_wake_at_other_times_leave_samples_alone(name: str) -> None:
+    start = torch.tensor([[0.0, 0.0], [0.2, 0.9], [1.4, -2.0], [3.5, 0.5]])
+    together = solve(pillar, start, name, iterations=40, progress=1e-9)
+    assert together.cost.max() < 1e-3
+    for sample in range(len(start)):
+        alone = solve(pillar, start[sample : sample + 1], name, iterations=40, progress=1e-9)
+        torch.testing.assert_close(together.cost[sample], alone.cost[0], atol=1e-3, rtol=0)
+
+
+def test_many_walls_that_wake_are_left_to_lbfgs() -> None:
+    """A Jacobian of each would cost more passes than all of L-BFGS."""
+    formed = 0
+
+    class Counted(Dense):
+        def jacobian(self, rows: Tensor) -> Tensor:
+            nonlocal formed
+            formed = max(formed, int(rows.sum()))
+            return super().jacobian(rows)
+
+    def rows(x: Tensor) -> Tensor:
+        walls = (x[:, None] - torch.linspace(1, 2, 300)[:, None]).clamp_min(0).flatten(1)
+        return torch.cat([5.0 - x, walls], dim=1)
+
+    def cost(x: Tensor) -> Tensor:
+        return rows(x).square().sum(1)
+
+    problem = Problem(cost, torch.zeros(1, 1), never, lambda x: Counted(rows, x))
+    got = minimise(problem, SolverSettings(name="lm", prior=0.0, progress=1e-9))
+    best = cost(torch.linspace(0, 5, 5001)[:, None]).min()
+    assert formed < 60 and float(got.cost) < 1.001 * float(best)
+
+
+def test_a_line_search_that_found_nothing_is_not_repeated() -> None:
+    """At a kink that no descent leads away from."""
+    passes = 0
+
+    def kink(x: Tensor) -> Tensor:
+        nonlocal passes
+        passes += 1
+        return 1.0 + torch.where(x > 0, x, -3 * x).sum(1)
+
+    problem = Problem(kink, torch.zeros(1, 2), never)
+    got = minimise(problem, SolverSettings(name="lbfgs", patience=10))
+    assert got.reasons == ["no progress"] and passes <= 12
 
 
 def test_reasons_name_what_ended_each_sample() -> None:
