@@ -11,8 +11,7 @@ only products with J. The damping is each sample's own, and so are acceptance an
 Rows of hinges (walls, limits) count by max(0, r + J d). Where such a row sleeps, its gradient is zero and says nothing
 of the wall behind it, so each keeps the plane that it had where it was last awake, on the way or at a trial that came
 to nothing; the set of rows that count is found anew for every step (a semismooth Newton method, which for the dual is
-the primal-dual active set method: Hintermüller, Ito and Kunisch 2002). A trial that wakes a row for the first time
-teaches the model and does not count against the damping.
+the primal-dual active set method: Hintermüller, Ito and Kunisch 2002).
 """
 
 from __future__ import annotations
@@ -81,7 +80,7 @@ def levenberg_marquardt(search: Search) -> None:
         return
     model, hinges = _Rows.of(at), _Hinges(at.rows)
     damping = _Damping(_FIRST_DAMPING * model.jacobian.square().sum(-1).mean(-1).nan_to_num(0.0))
-    stale, spared = torch.zeros_like(search.active), torch.zeros_like(search.active)
+    stale = torch.zeros_like(search.active)
     for _ in range(search.settings.iterations):
         if not search.active.any():
             return
@@ -91,11 +90,9 @@ def levenberg_marquardt(search: Search) -> None:
         hinges.see(trial_at.rows)
         better = trial_value < value
         woken = model.unforeseen(trial_at) & search.active
-        surprised = woken & ~better & ~spared
-        failed = search.active & stale & ~better & ~surprised
-        spared = ~better & (spared | surprised)
+        failed = search.active & stale & ~better
         gain = (value - trial_value) / _foretold([model], [model.linear(step)], search, x, step)
-        damping.update(gain, better, search.active & (better | ~(stale | surprised)))
+        damping.update(gain, better, search.active & (better | ~stale))
         search.accept(trial, trial_value, trial_at.met)
         good = better & (trial_value <= _GOOD * value)
         model = model.moved(step, trial_at.rows, better)
@@ -226,7 +223,6 @@ def gauss_newton(search: Search) -> None:
     search.accept(x, value, at.met)
     damping, hinges = _Damping(_FIRST_DAMPING * at.rows.square().mean(1)), _Hinges(at.rows)
     behind: list[_Left] = []
-    spared = torch.zeros_like(search.active)
     for _ in range(search.settings.iterations):
         if not search.active.any():
             return
@@ -239,9 +235,7 @@ def gauss_newton(search: Search) -> None:
         better = trial_value < value
         foretold = _foretold(planes, linear, search, x, step)
         warned = (trial_at.rows > 0) & (at.rows == 0) & ~better[:, None]
-        surprised = warned.any(1) & ~spared
-        spared = ~better & (spared | surprised)
-        damping.update((value - trial_value) / foretold, better, search.active & ~surprised)
+        damping.update((value - trial_value) / foretold, better, search.active)
         search.accept(trial, trial_value, trial_at.met)
         before, before_x = at, x
         x, value = torch.where(better[:, None], trial, x), torch.where(better, trial_value, value)

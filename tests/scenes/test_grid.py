@@ -187,6 +187,18 @@ def test_the_second_derivative_is_refused() -> None:
         first.sum().backward()
 
 
+def test_products_with_the_gradient_lead_forward() -> None:
+    """As Gauss-Newton asks for: a gradient, differentiated in what came in, is a directional derivative."""
+    grid = random_grid()
+    points = points_around(grid, 20).requires_grad_()
+    dummy = torch.zeros(len(points), dtype=points.dtype, requires_grad=True)
+    (pulled,) = torch.autograd.grad(grid.distance(points), points, dummy, create_graph=True)
+    tangent = torch.randn_like(points)
+    (forward,) = torch.autograd.grad(pulled, dummy, tangent)
+    (gradient,) = torch.autograd.grad(grid.distance(points).sum(), points)
+    torch.testing.assert_close(forward, (gradient * tangent).sum(-1))
+
+
 def test_points_that_are_not_finite_do_not_crash() -> None:
     grid = random_grid()
     points = torch.tensor([[float("nan"), 0, 0], [float("inf"), 1.3, 5.1], [0, 1.3, 5.1]], requires_grad=True)

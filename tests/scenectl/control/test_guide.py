@@ -159,6 +159,25 @@ def test_the_gradient_of_the_goals_is_the_backward_product_of_their_gradient_in_
     torch.testing.assert_close(guide().gradient(s), -s.vjp(cotangent))
 
 
+@pytest.mark.parametrize("name", ["lbfgs", "adam", "gradient", "lm", "gauss_newton"])
+def test_every_solver_leaves_a_baked_pillar(name: str) -> None:
+    """A mesh's grid has first derivatives only, which must do for products with its Jacobian too."""
+    pillar = Box((0.0, 1.0, 0.8), (0.4, 2.0, 0.4)).mesh()
+    at = Context(Scene([pillar], resolution=24, free_space="outside", cache=None), DEFAULT_BODY)
+    standing = TinyStep(torch.tensor([[0.0, 0.6]]).repeat(1, 20, 1), Pose2D())
+    goals = Objective(
+        (
+            Term("joint_target", {"position": [0.0, -0.3]}, tolerance=0.1),
+            Term("sdf_penetration", kernel="squared", reduction="sum", weight=10.0),
+        )
+    )
+    step = {"adam": 0.05, "gradient": 1e-3}.get(name)
+    solver = SolverSettings(name=name, step=step, natural=False, polish=False, iterations=300)  # type: ignore[arg-type]
+    g = ObjectiveGuide(goals, at, solver)
+    after = standing.decode(g.refine(standing))
+    assert goals.met(after, at).all()
+
+
 @pytest.mark.parametrize("lead", [0, 3])
 def test_a_wall_holds_nobody_who_was_led_past_it(lead: int) -> None:
     """Inside a slab, on the wrong side of its middle: wall and target balance, unless the target leads first."""

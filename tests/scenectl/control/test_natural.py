@@ -9,7 +9,7 @@ import torch
 
 from objectives import Context, Objective, Term, diagnosis
 from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.control.natural import Natural, bone_errors
+from scenectl.control.natural import LENIENT, STRICT, Leniency, Natural, bone_errors
 from scenectl.generators import load_generator
 from scenes.body import DEFAULT_BODY
 from scenes.motion import Motion, Pose2D
@@ -44,6 +44,39 @@ def test_a_standing_foot_may_not_be_lifted_unless_a_goal_asks_for_it() -> None:
     assert not Natural(asked, before, CONTEXT).strained(after).any()
     up = replace(before, joints=before.joints + before.joints.new_tensor([0.0, 0.2, 0.0]))
     assert not Natural(HEAD, up, CONTEXT).strained(moved(up, "left_foot", [0.0, 0.1, 0.0], slice(20, 22))).any()
+
+
+def test_a_foot_that_stood_in_the_floor_may_come_out_of_it() -> None:
+    deep = replace(still(), joints=still().joints - torch.tensor([0.0, 0.025, 0.0]))
+    natural = Natural(HEAD, deep, CONTEXT)
+    for height, strained in ((0.05, False), (0.06, True)):  # 25 mm of which are no lift
+        after = moved(deep, "left_foot", [0.0, height, 0.0], slice(20, 22))
+        assert natural.strained(after).tolist() == [strained, False]
+        assert float(natural.lift(after)[0]) == pytest.approx(height - 0.025)
+    assert float(natural.lift(deep)[0]) < 0 and natural.cost(deep, CONTEXT)[0] == natural.cost(deep, CONTEXT)[1]
+
+
+def test_leniency_widens_what_is_borne_of_bones_and_of_feet() -> None:
+    before = still()
+    natural = Natural(HEAD, before, CONTEXT)
+    lifted = moved(before, "left_foot", [0.0, 0.05, 0.0], slice(20, 22))
+    longer = stretched(before, "right", 0.3, slice(0, 40))  # 14 mm over 21 bones
+    for leniency, expected in ((STRICT, [True, True]), (LENIENT, [False, False]), (Leniency(3, 1), [True, False])):
+        got = [bool(natural.strained(motion, leniency)[0]) for motion in (lifted, longer)]
+        assert got == expected
+
+
+def test_insisting_goals_pull_harder_and_are_in_reach_within_a_hand() -> None:
+    before = still()
+    natural = Natural(HEAD, before, CONTEXT)
+    for away, reached in ((0.1, True), (0.2, False)):
+        by = torch.tensor([away, 1.5, 0.0]) - before.joint("head")[0, 20]
+        assert bool(natural.in_reach(moved(before, "head", by.tolist(), slice(20, 21)), CONTEXT)[0]) == reached
+    harder = natural.insisting().objective.terms
+    weights = [(a.weight, b.weight) for a, b in zip(natural.objective.terms, harder, strict=True)]
+    assert weights[0][1] > weights[0][0] and all(a == b for a, b in weights[1:])
+    lifted = moved(before, "left_foot", [0.0, 0.05, 0.0], slice(20, 22))
+    assert natural.insisting()._footing(lifted).sum() > natural._footing(lifted).sum() > 0
 
 
 def stretched(motion: Motion, side: str, by: float, frames: slice) -> Motion:
@@ -106,3 +139,15 @@ def test_a_target_out_of_reach_breaks_no_bones_and_is_named() -> None:
     assert said is not None and said.startswith("target 2 (left wrist, 1.50 s) is ") and "out of reach" in said
     others = (made.motion[0].joint("left_wrist")[[20, 40]] - torch.tensor(places)[[0, 2]]).norm(dim=-1)
     assert float(others.max()) < 0.02
+
+
+def test_a_body_is_talked_into_goals_that_alone_would_lift_its_feet() -> None:
+    """Where the solver meets them at a body's cost, and a body can meet them too."""
+    generator = load_generator("mscot")
+    goal = Term("joint_target", {"joint": "head", "position": [0.1, 1.5, 2.2]}, at=2.0, tolerance=0.002)
+    objective = Objective((goal, Term("sdf_penetration", kernel="squared", reduction="sum", weight=300.0)))
+    for settings, strained in ((SolverSettings(natural=False), True), (SolverSettings(), False)):
+        guide = ObjectiveGuide(objective, CONTEXT, settings)
+        made = generator.generate("a person walks forward", 3.2, Pose2D(), guide, 1, 1)
+        assert made.unrefined is not None and objective.met(made.motion, CONTEXT).all()
+        assert bool(Natural(objective, made.unrefined, CONTEXT).strained(made.motion, LENIENT)) == strained

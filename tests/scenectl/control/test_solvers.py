@@ -306,6 +306,17 @@ def test_walls_that_wake_are_met_in_a_few_steps(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["lm", "gauss_newton"])
+def test_a_wall_once_left_holds_nobody_back(name: str) -> None:
+    """Its plane is remembered, but as one that only counts on its wrong side."""
+
+    def behind(x: Tensor) -> Tensor:
+        return torch.stack([3.0 - x[:, 0], 30 * (1.0 - x[:, 0]).clamp_min(0.0)], dim=1)
+
+    got = solve(behind, torch.zeros(1, 2), name, iterations=8, progress=1e-9)
+    assert float(got.cost) < 1e-4
+
+
+@pytest.mark.parametrize("name", ["lm", "gauss_newton"])
 def test_walls_that_wake_at_other_times_leave_samples_alone(name: str) -> None:
     start = torch.tensor([[0.0, 0.0], [0.2, 0.9], [1.4, -2.0], [3.5, 0.5]])
     together = solve(pillar, start, name, iterations=40, progress=1e-9)
