@@ -112,6 +112,16 @@ def test_what_cannot_be_polished_goes_on_through_the_decoder(monkeypatch: pytest
     assert objective.met(guide.finish(Generation(step.decode(value))).motion, CONTEXT).all()
 
 
+def test_targets_are_met_beside_costs_that_pull_the_other_way_within_their_tolerance() -> None:
+    """Feet a centimetre in the floor, as goals allow, outweigh the last millimetres of a target a thousandfold."""
+    motion = walkers(1)
+    low = replace(motion, joints=motion.joints - torch.tensor([0.0, motion.joints[..., 1].min() - 0.015, 0.0]))
+    floor = Term("sdf_penetration", kernel="squared", reduction="sum", weight=1e4, tolerance=0.05)
+    objective = Objective((*targets(low, [0.004, 0.004, -0.004], "pelvis").terms, floor))
+    after, solution = finished(objective, low)
+    assert solution.reasons == ["met"] and objective.met(after, CONTEXT).all()
+
+
 def test_stretched_bones_and_far_moves_are_not_borne() -> None:
     motion = walkers(1)
     wrist = motion.skeleton.index("left_wrist")
