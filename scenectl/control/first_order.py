@@ -46,19 +46,20 @@ _WOLFE_DECREASE, _WOLFE_CURVATURE = 1e-4, 0.9
 _MAX_SEARCH = 10
 
 
-def lbfgs(search: Search, x: Float[Tensor, "S n"] | None = None) -> None:
+def lbfgs(search: Search, x: Float[Tensor, "S n"] | None = None, iterations: int | None = None) -> None:
     """L-BFGS with a strong-Wolfe search by bisection, batched (Nocedal and Wright, algorithms 7.4 and 3.5).
 
     Args:
         search: what to solve.
         x: where to begin instead of the problem's start.
+        iterations: at most so many, instead of the settings'.
     """
     x = search.start.clone() if x is None else x
     value, gradient = search.evaluate(x)
     search.accept(x, value)
     pairs: list[tuple[Tensor, Tensor, Tensor]] = []
     fresh = torch.ones_like(search.active)  # samples without memory: their first step is short
-    for _ in range(search.settings.iterations):
+    for _ in range(search.settings.iterations if iterations is None else iterations):
         direction = -_two_loops(gradient, pairs)
         slope = (direction * gradient).sum(1)
         # Where memory gives no descent, start again from the gradient.
@@ -69,7 +70,9 @@ def lbfgs(search: Search, x: Float[Tensor, "S n"] | None = None) -> None:
         # A kink in the cost (a wall, a hinge) can spoil the memory: a sample whose search found nothing forgets it, and
         # is done if it had none, as it would only try the same again.
         still = (moved == x).all(1)
-        search.retire(still & fresh, "no progress")
+        if (hopeless := still & fresh & search.active).any():
+            search.retire(hopeless & search.problem.done(x), "met")
+            search.retire(hopeless, "no progress")
         fresh = still
         pairs = [(s, y, torch.where(fresh, torch.zeros_like(rho), rho)) for s, y, rho in pairs]
         s, y = moved - x, new_gradient - gradient

@@ -32,8 +32,8 @@ _LEAST_DAMPING = 1e-8
 _GOOD = 0.1
 """A Jacobian serves once more where the cost has fallen to this share of what it was, or lower."""
 _CG_ITERATIONS, _CG_TOLERANCE = 20, 0.05
-_ROUNDS = 6
-"""Of finding which one-sided rows count for a step."""
+_ROUNDS, _CG_ROUNDS = 6, 3
+"""Of finding which one-sided rows count for a step, exactly and by conjugate gradients."""
 _MANY, _WOKEN = 640, 48
 """Rows of all samples together, and rows that wake on the way, with which Levenberg-Marquardt goes on as L-BFGS: each
 costs it a backward pass wherever it forms J."""
@@ -70,18 +70,21 @@ class _Hinges:
 
 
 def levenberg_marquardt(search: Search) -> None:
-    """Dual steps; a Jacobian is kept for as long as steps with it go well."""
+    """Dual steps; a Jacobian is kept for as long as steps with it go well.
+
+    Where walls wake by the dozen, for any of the samples, L-BFGS takes over.
+    """
     x = search.start
     value, at = search.linearise(x)
     search.accept(x, value, at.met)
-    first = (at.rows != 0).any(0)
+    rows, first = at.rows, (at.rows != 0).any(0)
     if first.sum() > _MANY:
-        lbfgs(search, x)
+        _hand_over(search, x, done=0)
         return
     model, hinges = _Rows.of(at), _Hinges(at.rows)
     damping = _Damping(_FIRST_DAMPING * model.jacobian.square().sum(-1).mean(-1).nan_to_num(0.0))
     stale = torch.zeros_like(search.active)
-    for _ in range(search.settings.iterations):
+    for i in range(search.settings.iterations):
         if not search.active.any():
             return
         step = _dual_step(model, search, x, damping.value)
@@ -97,17 +100,25 @@ def levenberg_marquardt(search: Search) -> None:
         good = better & (trial_value <= _GOOD * value)
         model = model.moved(step, trial_at.rows, better)
         x, value = torch.where(better[:, None], trial, x), torch.where(better, trial_value, value)
-        awake = (trial_at.rows != 0).any(0) | model.chosen
-        if (awake & ~first).sum() > _WOKEN:
-            lbfgs(search, x)
+        rows = torch.where(better[:, None], trial_at.rows, rows)
+        awake = (trial_at.rows != 0) & trial_at.rows.isfinite() & search.active[:, None]
+        if (awake.any(0) & ~first).sum() > _WOKEN:
+            _hand_over(search, x, done=i + 1)
             return
         if bool((woken & ~better).any()):
             model = model.warned(trial_at, step, woken & ~better)
         renew = failed | (search.active & better & (~good | woken))
         if renew.any():  # where failed, the old Jacobian is to blame, and not the damping
             model = model.renewed(trial_at if not failed.any() else search.linearise(x)[1], renew)
-        model = model.with_hinges(hinges)
+        model = model.with_hinges(hinges, rows)
         stale = ~renew & (stale | better)
+
+
+def _hand_over(search: Search, x: Float[Tensor, "S n"], done: int) -> None:
+    """To L-BFGS, with all samples, for the steps that are left."""
+    if search.active.any():
+        search.solution.solver = "lbfgs"
+        lbfgs(search, x, search.settings.iterations - done)
 
 
 @dataclass(frozen=True)
@@ -171,8 +182,12 @@ class _Rows:
         jacobian = torch.where(news[..., None], fresh, wide.jacobian)
         return replace(wide, value=torch.where(news, rows, wide.value), jacobian=jacobian)
 
-    def with_hinges(self, hinges: _Hinges) -> _Rows:
-        return replace(self, one_sided=hinges.one_sided[:, self.chosen])
+    def with_hinges(self, hinges: _Hinges, rows: Float[Tensor, "S R"]) -> _Rows:
+        """With what is known of hinges by now; what sleeps and is none of them has no plane to remember."""
+        one_sided = hinges.one_sided[:, self.chosen]
+        forget = ~one_sided & (rows[:, self.chosen] == 0)
+        jacobian = torch.where(forget[..., None], 0.0, self.jacobian)
+        return replace(self, value=torch.where(forget, 0.0, self.value), jacobian=jacobian, one_sided=one_sided)
 
     def _with(self, at: Linearisation) -> tuple[_Rows, Float[Tensor, "S r n"]]:
         """Wide enough for what is awake at a point, and the Jacobian there."""
@@ -226,8 +241,12 @@ def gauss_newton(search: Search) -> None:
     for _ in range(search.settings.iterations):
         if not search.active.any():
             return
-        here = _Plane(at, at.rows, at.rows != 0, hinges.one_sided)
-        planes = [here, *(left.seen_from(x, hinges) for left in behind)]
+        planes = [left.seen_from(x, hinges) for left in behind]
+        search.solution.evaluations += len(planes)
+        mine = torch.ones_like(at.rows, dtype=torch.bool)
+        for plane in planes:
+            mine = mine & ~plane.mine
+        planes.append(_Plane(at, at.rows, mine, hinges.one_sided))
         step, linear = _conjugate_gradients(planes, search, x, damping.value)
         trial = torch.where(search.active[:, None], x + step, x)
         trial_value, trial_at = search.linearise(trial)
@@ -242,7 +261,7 @@ def gauss_newton(search: Search) -> None:
         if better.any():
             at = trial_at if bool((better | ~search.active).all()) else search.linearise(x)[1]
         left = (before.rows > 0) & (at.rows == 0) & better[:, None]
-        behind = _kept(behind, [_Left(before, before_x, left), _Left(trial_at, trial, warned)], at)
+        behind = _kept(behind, [_Left(before, before_x, left), _Left(trial_at, trial, warned)], at, search.active)
 
 
 @dataclass(frozen=True)
@@ -283,13 +302,13 @@ class _Left:
     def seen_from(self, x: Float[Tensor, "S n"], hinges: _Hinges) -> _Plane:
         """Its planes around another point, at which the rows sleep."""
         guessed = self.at.rows + self.at.jvp(x - self.x)
-        return _Plane(self.at, guessed.clamp_max(0), self.rows, hinges.one_sided)
+        return _Plane(self.at, guessed.clamp_max(0), self.rows & hinges.one_sided, hinges.one_sided)
 
 
-def _kept(behind: Sequence[_Left], new: Sequence[_Left], at: Linearisation) -> list[_Left]:
-    """Each sample's latest point that has a say; none about rows that are awake at the point itself."""
+def _kept(behind: Sequence[_Left], new: Sequence[_Left], at: Linearisation, active: Bool[Tensor, " S"]) -> list[_Left]:
+    """Each active sample's latest point that has a say; none about rows that are awake at the point itself."""
     kept: list[_Left] = []
-    spoken_for = at.rows != 0
+    spoken_for = (at.rows != 0) | ~active[:, None]
     for left in [*reversed(new), *reversed(behind)]:
         rows = left.rows & ~spoken_for
         if rows.any():
@@ -303,13 +322,12 @@ def _conjugate_gradients(
 ) -> tuple[Float[Tensor, "S n"], list[Float[Tensor, "S R"]]]:
     """A step, and each plane's rows after it."""
     step, counts = torch.zeros_like(x), [plane.counts(plane.value) for plane in planes]
-    left = _CG_ITERATIONS
-    for _ in range(_ROUNDS):
-        step, spent = _truncated(planes, counts, search, x, step, damping, left)
-        left -= spent
+    for _ in range(_CG_ROUNDS):
+        step = _truncated(planes, counts, search, x, step, damping)
+        search.solution.evaluations += len(planes)
         linear = [plane.value + plane.at.jvp(step) for plane in planes]
         before, counts = counts, [plane.counts(value) for plane, value in zip(planes, linear, strict=True)]
-        if left <= 0 or all(torch.equal(a, b) for a, b in zip(before, counts, strict=True)):
+        if all(torch.equal(a, b) for a, b in zip(before, counts, strict=True)):
             break
     return step, linear
 
@@ -321,9 +339,8 @@ def _truncated(
     x: Tensor,
     step: Float[Tensor, "S n"],
     damping: Float[Tensor, " S"],
-    iterations: int,
-) -> tuple[Float[Tensor, "S n"], int]:
-    """Conjugate gradients from a step, for the rows that count, and how many iterations were spent."""
+) -> Float[Tensor, "S n"]:
+    """Conjugate gradients from a step, for the rows that count."""
     prior = search.settings.prior
     total = (prior + damping)[:, None]
 
@@ -339,9 +356,9 @@ def _truncated(
         downhill = downhill - plane.at.vjp(plane.value * mine)
     rest = downhill - image(step) if step.any() else downhill
     direction, size, begun = rest.clone(), rest.square().sum(1), downhill.square().sum(1)
-    spent = 0
-    while spent < iterations and bool((size > _CG_TOLERANCE**2 * begun).any()):
-        spent += 1
+    for _ in range(_CG_ITERATIONS):
+        if not bool(((size > _CG_TOLERANCE**2 * begun) & search.active).any()):
+            break
         curved = image(direction)
         curvature = (direction * curved).sum(1)
         length = torch.where(curvature > 0, size / curvature.clamp_min(1e-30), torch.zeros_like(size))[:, None]
@@ -349,4 +366,4 @@ def _truncated(
         now = rest.square().sum(1)
         direction = rest + (now / size.clamp_min(1e-30))[:, None] * direction
         size = now
-    return torch.nan_to_num(step, 0.0, 0.0, 0.0), spent
+    return torch.nan_to_num(step, 0.0, 0.0, 0.0)

@@ -78,7 +78,7 @@ class Natural:
         feet = before.select(FEET)
         height = foot_heights(feet, before, context)
         moved = torch.nn.functional.pad(feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
-        self._rest = feet[..., 1] + (-height).clamp_min(0.0)  # out of the floor is no lift
+        self._rest = feet[..., 1] + (-height).clamp(0.0, _STANDING)  # out of the floor is no lift
         free = torch.tensor([foot not in _asked(objective) for foot in FEET])
         self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
         self._stretched = bone_errors(before)
@@ -98,8 +98,9 @@ class Natural:
         return other
 
     def in_reach(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:
-        """Samples whose goals that pull are all nearly met."""
-        return Objective(tuple(_nearly(t) for t in self._goals.counted if t.spec.pulls)).met(motion, context)
+        """Samples whose goals that pull are all nearly met; none where nothing pulls."""
+        pulling = tuple(_nearly(t) for t in self._goals.counted if t.spec.pulls)
+        return Objective(pulling).met(motion, context) & bool(pulling)
 
     @property
     def without_outliers(self) -> Objective:
@@ -124,7 +125,7 @@ class Natural:
         return stretched | torn | (self.lift(after) > lift)
 
     def lift(self, after: Motion) -> Float[Tensor, " S"]:
-        """The most (m) by which a foot that stood before is higher now."""
+        """The most (m) by which a foot that stood before is higher now; negative where all are lower."""
         return self._raised(after).amax((-2, -1))
 
     def met(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:

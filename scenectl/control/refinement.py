@@ -102,27 +102,23 @@ class Refinement:
         natural = Natural(self._goals, step.motion, self._context)
         gentle = self._solved(step, step.value, natural, body.approach(self._solver))
         self.solution.replace(gentle, strained, torch.ones_like(strained, dtype=torch.bool), "strained")
-        near = natural.in_reach(self._motion(step, gentle), self._context)
         begin = gentle.value.view_as(step.value)
-        for which, go_on in ((near, self._insisted), (~near, self._let_go)):
-            if which.any():
-                go_on(step.at(step.value[which]), begin[which], strained[which])
+        left = torch.ones_like(strained, dtype=torch.bool)
+        if (near := natural.in_reach(self._motion(step, gentle), self._context)).any():
+            left[near] = ~self._insisted(step.at(step.value[near]), begin[near], strained[near])
+        if left.any():
+            self._let_go(step.at(step.value[left]), begin[left], strained[left])
 
-    def _insisted(
-        self,
-        step: Step,
-        begin: Float[Tensor, "s *v"],
-        samples: Int[Tensor, " s"],
-        leniency: body.Leniency = body.STRICT,
-    ) -> Bool[Tensor, " s"]:
+    def _insisted(self, step: Step, begin: Float[Tensor, "s *v"], samples: Int[Tensor, " s"]) -> Bool[Tensor, " s"]:
         """From near the goals, with the body's costs, and the last of the way without; which samples it helped."""
         natural = Natural(self._goals, step.motion, self._context)
         found = self._solved(step, begin, natural.insisting(), body.approach(self._solver))
-        helped = ~natural.strained(self._motion(step, found), leniency)
+        there = self._motion(step, found)
+        helped = natural.in_reach(there, self._context) & ~natural.strained(there)
         self.solution.replace(found, samples, helped, "strained")
         closer = self._solved(step, found.value.view_as(begin), self._goals, body.finish(self._solver))
         there = self._motion(step, closer)
-        bears = self._goals.met(there, self._context) & ~natural.strained(there, leniency)
+        bears = self._goals.met(there, self._context) & ~natural.strained(there)
         self.solution.replace(closer, samples, bears)
         return helped | bears
 

@@ -23,9 +23,10 @@ class SolverSettings(BaseModel):
     """How refinement searches (Eq. 12).
 
     Attributes:
-        name: "auto" (default) takes what fits the goals: "lm" (Levenberg-Marquardt in dual form) for few equations,
-            "gauss_newton" (by conjugate gradients) for many, "lbfgs" where there are goals that hold only on one
-            side, such as walls. Or "adam", or "gradient": the paper's ascent with a constant step.
+        name: "auto" (default) takes what fits the goals: "lm" (Levenberg-Marquardt in dual form) for few equations and
+            walls that few of them meet, "gauss_newton" (by conjugate gradients) for many, "lbfgs" where there are many
+            and walls; "lm" goes on as "lbfgs" where walls wake by the dozen, with the steps that are left. Or
+            "adam", or "gradient": the paper's ascent with a constant step.
         iterations: at most this many steps (a tenth where "auto" takes Gauss-Newton, whose are long); 0 switches
             refinement off.
         step: step size; by default 0.05 for Adam and the paper's 0.01 for gradient ascent. L-BFGS finds its own.
