@@ -246,9 +246,9 @@ def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell:
         )
         return solved(endless, 0.0)
 
-    def rival(name: str) -> Way:
-        patient = {"iterations": PAPER_STEPS, "patience": PAPER_STEPS + 1}  # Adam's cost rises at first
-        return solved(SolverSettings.model_validate({"name": name, "natural": False, "polish": False, **patient}))
+    def patient(name: str) -> Way:
+        steps = {"iterations": PAPER_STEPS, "patience": PAPER_STEPS + 1}  # Adam's cost rises at first
+        return solved(SolverSettings.model_validate({"name": name, "natural": False, "polish": False, **steps}))
 
     def controlmm(case: Case) -> tuple[Generation, float, int]:
         timed = _Timed(case.guide(SolverSettings(polish=False), 0.0))
@@ -258,8 +258,8 @@ def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell:
     ways: dict[str, Way] = {
         "paper": ascent(PAPER_STEP),
         "controlmm": controlmm,
-        "adam": rival("adam"),
-        "lbfgs": rival("lbfgs"),
+        "adam": patient("adam"),
+        "lbfgs": patient("lbfgs"),
         "scenectl": solved(SolverSettings(), by=generator),
     }
     if "paper-best-step" in methods:
