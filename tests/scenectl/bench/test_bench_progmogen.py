@@ -138,7 +138,8 @@ def test_control_reaches_what_chance_does_not() -> None:
     for task in ("hsi1", "hsi2", "hsi3"):
         summary = result["summary"][task]
         assert summary["controlled"]["prompts"] == summary["uncontrolled"]["prompts"] == 2
-        assert summary["controlled"]["constraint_error_m"] < 0.002, task
+        # Searches stop within a millimetre of each target; HSI-1 adds three of them up, the middle one twice.
+        assert summary["controlled"]["constraint_error_m"] < 0.004, task
         assert summary["uncontrolled"]["constraint_error_m"] > 0.02, task
         assert summary["uncontrolled"]["skating_ratio"] > 0.5  # it glides
     assert result["summary"]["hsi1"]["controlled"]["unsuccess_rate"] == 0
