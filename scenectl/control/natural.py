@@ -1,11 +1,15 @@
 """Keeping a body a body where goals can't be met: without this, targets out of reach stretch limbs and lift feet.
 
-The paper's failure cases (its Fig. 10) come from solving harder than a body can. Where a search ended in a strained
-body, refinement begins again from the generator's own value with three things changed: goals that pull (targets) pull
-no harder however far they are (Huber); bones, joint limits, jerks and skating have a cost; feet that stood stay down.
-From there what is hopeless is let go of, still with the body's costs (Geman and McClure's kernel, whose pull fades with
-distance). At last the goals alone are solved for, with all targets, or else without those that are still far off,
-whichever a body bears.
+The paper's failure cases (its Fig. 10) come from solving harder than a body can. What is done where a search ended in
+a strained body depends on how far from the goals a body stays:
+
+- Where the goals were met at a small strain, a search goes on from there with a cost on bones, joint limits, jerks and
+  skating, feet that stood held down, and goals that pull harder; then with the goals alone, if a body bears it.
+- Otherwise refinement begins again from the generator's own value, with the same costs and goals that pull (targets)
+  pulling no harder however far they are (Huber). Where that ends near all targets, as above.
+- From elsewhere what is hopeless is let go of, still with the body's costs (Geman and McClure's kernel, whose pull
+  fades with distance). At last the goals alone are solved for, with all targets, or else without those that are still
+  far off, whichever a body bears.
 """
 
 from __future__ import annotations
