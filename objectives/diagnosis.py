@@ -69,14 +69,13 @@ def diagnosis(objective: Objective, motion: Motion, context: Context) -> str | N
 
 def _targets(term: Term, motion: Motion, context: Context) -> list[_Target]:
     found = term.evaluate(motion, context)
-    unit, tolerance = term.spec.unit, term.spec.tolerance if term.tolerance is None else term.tolerance
     size, active = found.square.sqrt(), found.mask.nonzero().tolist()
     if not active:
         return []
     positions = term.goal == "joint_target"
     if not positions or len(active) > _DENSE:
         report = term.report(motion, context)[0]
-        return [_Target(term.name, report.worst, unit, report.met, None, report.when or 0.0)]
+        return [_Target(term.name, report.worst, term.spec.unit, report.met, None, report.when or 0.0)]
     targets = []
     for number, (frame, entry) in enumerate(active):
         time, joint = motion.t0 + frame / motion.fps, found.labels[entry]
@@ -88,7 +87,7 @@ def _targets(term: Term, motion: Motion, context: Context) -> list[_Target]:
             place = (x, y, z)
         miss = float(size[frame, entry])
         label = f"{name} ({joint.replace('_', ' ')}, {time:.2f} s)"
-        targets.append(_Target(label, miss, unit, miss <= tolerance, joint, time, place))
+        targets.append(_Target(label, miss, term.spec.unit, miss <= term.allowed, joint, time, place))
     return targets
 
 

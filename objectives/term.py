@@ -147,6 +147,17 @@ class Term:
         return cast(tuple[float, ...], self.at or ())
 
     @property
+    def allowed(self) -> float:
+        """Worst residual that counts as met, in the goal's unit: the tolerance, or else the goal's."""
+        return self.spec.tolerance if self.tolerance is None else self.tolerance
+
+    def loosened(self, reach: float) -> Term:
+        """The same, counting as met within `reach` (m) of what it pulls towards; unchanged where it pulls nowhere."""
+        if not self.spec.pulls or self.spec.unit != "m" or self.allowed >= reach:
+            return self
+        return replace(self, tolerance=reach)
+
+    @property
     def label(self) -> str:
         """How errors name the term: with its goal where that is not its name."""
         return f"goal '{self.name}'" if self.name == self.goal else f"goal '{self.name}' ({self.goal})"
@@ -194,9 +205,8 @@ class Term:
         return costs.sum((-2, -1)) * self._factor(found)
 
     def _met(self, found: Evaluated) -> Bool[Tensor, "*b"]:
-        tolerance = self.spec.tolerance if self.tolerance is None else self.tolerance
         # Written so that what is not a number never passes.
-        within_tolerance = (found.square.sqrt() <= tolerance) | ~found.mask
+        within_tolerance = (found.square.sqrt() <= self.allowed) | ~found.mask
         return within_tolerance.flatten(-2).all(-1)
 
     def block(self, motion: Motion, context: Context) -> Float[Tensor, "*b F k"]:
@@ -241,9 +251,8 @@ class Term:
         points: Float[Tensor, "T n 3"] | None,
         motion: Motion,
     ) -> TermReport:
-        tolerance = self.spec.tolerance if self.tolerance is None else self.tolerance
         name, unit = str(self.goal), self.spec.unit
-        empty = TermReport(self.name, name, unit, 0.0, 0.0, tolerance, met=True, cost=cost, weight=self.weight)
+        empty = TermReport(self.name, name, unit, 0.0, 0.0, self.allowed, met=True, cost=cost, weight=self.weight)
         if not mask.any():
             return empty
         # What is not a number is the worst there is: it must never pass as met.
@@ -258,7 +267,7 @@ class Term:
             empty,
             worst=worst,
             mean=float(size[mask].mean()),
-            met=worst <= tolerance,
+            met=worst <= self.allowed,
             when=motion.t0 + frame / motion.fps,
             where=found.labels[entry] if found.labels else None,
             position=position,

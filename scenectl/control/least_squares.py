@@ -69,6 +69,10 @@ class _Hinges:
         return self._slept & ~self._below
 
 
+def _has_cost(value: Float[Tensor, "S r"], one_sided: Bool[Tensor, "S r"]) -> Bool[Tensor, "S r"]:
+    return ~one_sided | (value > 0)
+
+
 def levenberg_marquardt(search: Search) -> None:
     """Dual steps; a Jacobian is kept for as long as steps with it go well.
 
@@ -150,7 +154,7 @@ class _Rows:
 
     def counts(self, value: Float[Tensor, "S r"]) -> Bool[Tensor, "S r"]:
         """Which rows have a cost at such values."""
-        return ~self.one_sided | (value > 0)
+        return _has_cost(value, self.one_sided)
 
     def unforeseen(self, at: Linearisation) -> Bool[Tensor, " S"]:
         """Samples with a row awake whose gradient is not known."""
@@ -168,19 +172,13 @@ class _Rows:
 
     def warned(self, at: Linearisation, step: Float[Tensor, "S n"], samples: Bool[Tensor, " S"]) -> _Rows:
         """With planes of rows that sleep at the point, from where they are awake a step away, in some samples."""
-        wide, fresh = self._with(at)
-        back = at.rows[:, wide.chosen] - (fresh @ step[..., None]).squeeze(-1)
-        news = samples[:, None] & (at.rows[:, wide.chosen] > 0) & (wide.value <= 0) & (back <= 0)
-        jacobian = torch.where(news[..., None], fresh, wide.jacobian)
-        return replace(wide, value=torch.where(news, back, wide.value), jacobian=jacobian)
+        sleeps = torch.ones_like(at.rows, dtype=torch.bool)
+        sleeps[:, self.chosen] = self.value <= 0
+        return self._told(at, samples[:, None] & (at.rows > 0) & sleeps, step)
 
     def renewed(self, at: Linearisation, samples: Bool[Tensor, " S"]) -> _Rows:
         """With the gradients at the point itself for what is awake there, in some samples."""
-        wide, fresh = self._with(at)
-        rows = at.rows[:, wide.chosen]
-        news = samples[:, None] & (rows != 0)
-        jacobian = torch.where(news[..., None], fresh, wide.jacobian)
-        return replace(wide, value=torch.where(news, rows, wide.value), jacobian=jacobian)
+        return self._told(at, samples[:, None] & (at.rows != 0))
 
     def with_hinges(self, hinges: _Hinges, rows: Float[Tensor, "S R"]) -> _Rows:
         """With what is known of hinges by now; what sleeps and is none of them has no plane to remember."""
@@ -189,14 +187,27 @@ class _Rows:
         jacobian = torch.where(forget[..., None], 0.0, self.jacobian)
         return replace(self, value=torch.where(forget, 0.0, self.value), jacobian=jacobian, one_sided=one_sided)
 
-    def _with(self, at: Linearisation) -> tuple[_Rows, Float[Tensor, "S r n"]]:
-        """Wide enough for what is awake at a point, and the Jacobian there."""
-        chosen = self.chosen | (at.rows != 0).any(0)
-        held = self.chosen[chosen]
-        value, one_sided = at.rows.new_zeros(len(at.rows), len(held)), torch.ones(len(at.rows), len(held)).bool()
+    def _told(self, at: Linearisation, news: Bool[Tensor, "S R"], step: Float[Tensor, "S n"] | None = None) -> _Rows:
+        """With the planes of some rows at a point, or at a step from it, where they aren't awake at this one."""
+        fresh = news.any(0)
+        wide, told = self._widened(fresh), at.jacobian(fresh)
+        value, news = at.rows[:, fresh], news[:, fresh]
+        if step is not None:
+            value = value - (told @ step[..., None]).squeeze(-1)
+            news = news & (value <= 0)
+        into = fresh[wide.chosen]
+        wide.value[:, into] = torch.where(news, value, wide.value[:, into])
+        wide.jacobian[:, into] = torch.where(news[..., None], told, wide.jacobian[:, into])
+        return wide
+
+    def _widened(self, rows: Bool[Tensor, " R"]) -> _Rows:
+        """A copy with room for more rows."""
+        chosen = self.chosen | rows
+        held, samples = self.chosen[chosen], len(self.value)
+        value, one_sided = self.value.new_zeros(samples, len(held)), self.one_sided.new_ones(samples, len(held))
         jacobian = self.jacobian.new_zeros(*value.shape, self.jacobian.shape[-1])
         value[:, held], one_sided[:, held], jacobian[:, held] = self.value, self.one_sided, self.jacobian
-        return _Rows(chosen, value, jacobian, one_sided), at.jacobian(chosen)
+        return _Rows(chosen, value, jacobian, one_sided)
 
 
 def _dual_step(model: _Rows, search: Search, x: Tensor, damping: Float[Tensor, " S"]) -> Float[Tensor, "S n"]:
@@ -282,7 +293,7 @@ class _Plane:
 
     def counts(self, value: Float[Tensor, "S R"]) -> Bool[Tensor, "S R"]:
         """Which rows have a cost at such values."""
-        return self.mine & (~self.one_sided | (value > 0))
+        return self.mine & _has_cost(value, self.one_sided)
 
 
 @dataclass(frozen=True)
@@ -321,9 +332,12 @@ def _conjugate_gradients(
     planes: Sequence[_Plane], search: Search, x: Tensor, damping: Float[Tensor, " S"]
 ) -> tuple[Float[Tensor, "S n"], list[Float[Tensor, "S R"]]]:
     """A step, and each plane's rows after it."""
-    step, counts = torch.zeros_like(x), [plane.counts(plane.value) for plane in planes]
+    step, linear = torch.zeros_like(x), [plane.value for plane in planes]
+    counts = [plane.counts(value) for plane, value in zip(planes, linear, strict=True)]
     for _ in range(_CG_ROUNDS):
         step = _truncated(planes, counts, search, x, step, damping)
+        if not step.any():
+            break
         search.solution.evaluations += len(planes)
         linear = [plane.value + plane.at.jvp(step) for plane in planes]
         before, counts = counts, [plane.counts(value) for plane, value in zip(planes, linear, strict=True)]

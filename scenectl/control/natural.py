@@ -103,7 +103,7 @@ class Natural:
 
     def in_reach(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:
         """Samples whose goals that pull are all nearly met; none where nothing pulls."""
-        pulling = tuple(_nearly(t) for t in self._goals.counted if t.spec.pulls)
+        pulling = tuple(t.loosened(_NEAR) for t in self._goals.counted if t.spec.pulls)
         return Objective(pulling).met(motion, context) & bool(pulling)
 
     @property
@@ -170,11 +170,6 @@ def finish(settings: SolverSettings) -> SolverSettings:
 def _share(term: Term, motion: Motion, context: Context) -> float:
     """Of the frames, at how many a term has a say."""
     return float(term.evaluate(motion, context).mask.any(-1).float().mean())
-
-
-def _nearly(term: Term) -> Term:
-    tolerance = term.spec.tolerance if term.tolerance is None else term.tolerance
-    return replace(term, tolerance=max(tolerance, _NEAR)) if term.spec.unit == "m" else term
 
 
 def _asked(objective: Objective) -> set[str]:

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from objectives import Objective, Term
+from objectives import Objective
 from scenectl.control.natural import bone_errors
 from scenectl.control.settings import SolverSettings
 from scenes.motion import Motion
@@ -33,14 +33,7 @@ _SECONDS, _BONES = 0.15, 3.0
 
 def loosened(objective: Objective) -> Objective:
     """The objective, with targets counting as met as soon as they are in reach of polishing."""
-    return Objective(tuple(_loosened(term) for term in objective.terms))
-
-
-def _loosened(term: Term) -> Term:
-    tolerance = term.spec.tolerance if term.tolerance is None else term.tolerance
-    if not term.spec.pulls or term.spec.unit != "m" or tolerance >= REACH:
-        return term
-    return replace(term, tolerance=REACH)
+    return Objective(tuple(term.loosened(REACH) for term in objective.terms))
 
 
 def polishing(settings: SolverSettings) -> SolverSettings:

@@ -84,11 +84,11 @@ class Refinement:
         natural, after = Natural(self._goals, step.motion, self._context), self._motion(step, self.solution)
         gone = torch.tensor([reason == "abandoned" for reason in self.solution.reasons])
         # What is met, or nearly, stays so for all that a foot is a little higher or a bone a little longer.
-        solved = self._cost(after) <= body.SOLVED * self._cost(step.motion)
-        solved |= self._goals.met(after, self._context)
+        goals_met = self._goals.met(after, self._context)
+        solved = goals_met | (self._cost(after) <= body.SOLVED * self._cost(step.motion))
         worse = torch.where(solved, natural.strained(after, body.LENIENT), natural.strained(after))
         strained = (worse & ~gone).nonzero()[:, 0]
-        hopeful = self._goals.met(after, self._context) & ~natural.strained(after, body.HOPEFUL)
+        hopeful = goals_met & ~natural.strained(after, body.HOPEFUL)
         met = strained[hopeful[strained]]
         if len(met):
             begin = self.solution.value.view_as(step.value)[met]

@@ -346,7 +346,6 @@ class Picture:
         import pyvista as pv
 
         floor, parameters = self.scene.floor.height, term.parameters
-        radius = term.spec.tolerance if term.tolerance is None else term.tolerance
         if term.goal == "square_region":
             half, centre = parameters["half"], parameters.get("center", FloorPoint(0.0, 0.0))
             corners = [(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)]
@@ -357,9 +356,9 @@ class Picture:
                 plotter.add_mesh(pv.Sphere(radius=parameters["radius"], center=p), color=_OBSTACLE, opacity=0.5)
         elif term.goal == "joint_target":
             for p in instances(dict(parameters), Point):
-                plotter.add_mesh(pv.Sphere(radius=max(radius, 0.03), center=p), color=_GOAL, opacity=0.85)
+                plotter.add_mesh(pv.Sphere(radius=max(term.allowed, 0.03), center=p), color=_GOAL, opacity=0.85)
             for f in instances(dict(parameters), FloorPoint):
-                self._add_ring(plotter, np.array([f.x, floor + 0.02, f.z]), max(radius, 0.05))
+                self._add_ring(plotter, np.array([f.x, floor + 0.02, f.z]), max(term.allowed, 0.05))
         for track in instances(dict(parameters), TrackBase):
             times = torch.linspace(*track.span, 120, dtype=torch.float64)
             for column in track.position(times).permute(1, 0, 2).numpy():

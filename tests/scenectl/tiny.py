@@ -77,4 +77,4 @@ class TinyGenerator:
         if guide is None:
             return Generation(motion, trace={"prompt": prompt})
         refined = step.decode(guide.refine(step).detach())
-        return Generation(refined, motion, {"tilt": torch.zeros(3), "nan": float("nan")})
+        return guide.finish(Generation(refined, motion, {"tilt": torch.zeros(3), "nan": float("nan")}))

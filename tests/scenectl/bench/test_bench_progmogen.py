@@ -55,8 +55,9 @@ class Puppet:
         walk = torch.arange(frames)[:, None, None] * torch.tensor([0.0, 0.0, 0.05])
         base = standing() + walk + noise
         step = DecodedStep(torch.zeros(samples, frames, 66), lambda v: Motion(base + v.unflatten(-1, (22, 3))))
-        value = step.value if guide is None else guide.refine(step)
-        return Generation(step.decode(value).placed(start))
+        if guide is None:
+            return Generation(step.motion.placed(start))
+        return guide.finish(Generation(step.decode(guide.refine(step)).placed(start)))
 
 
 def random_motion(frames: int, seed: int) -> Motion:
@@ -138,8 +139,7 @@ def test_control_reaches_what_chance_does_not() -> None:
     for task in ("hsi1", "hsi2", "hsi3"):
         summary = result["summary"][task]
         assert summary["controlled"]["prompts"] == summary["uncontrolled"]["prompts"] == 2
-        # Searches stop within a millimetre of each target; HSI-1 adds three of them up, the middle one twice.
-        assert summary["controlled"]["constraint_error_m"] < 0.004, task
+        assert summary["controlled"]["constraint_error_m"] < 0.002, task
         assert summary["uncontrolled"]["constraint_error_m"] > 0.02, task
         assert summary["uncontrolled"]["skating_ratio"] > 0.5  # it glides
     assert result["summary"]["hsi1"]["controlled"]["unsuccess_rate"] == 0
