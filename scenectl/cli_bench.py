@@ -74,6 +74,9 @@ def control_bench(
     method: Annotated[list[str] | None, typer.Option(help="A method; repeatable. Default: all six.")] = None,
     joint: Annotated[list[str] | None, typer.Option(help="A joint; repeatable. Default: six of them.")] = None,
     density: Annotated[list[str] | None, typer.Option(help="1, 2, 5, 25% or 100%; repeatable. Default: all.")] = None,
+    scene: Annotated[
+        list[str] | None, typer.Option(help="empty, or pillars close to the way; repeatable. Default: empty.")
+    ] = None,
     seed: Seed = 0,
     weights: Weights = "default",
     threads: Threads = None,
@@ -81,18 +84,19 @@ def control_bench(
     plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw error against seconds to this file.")] = None,
 ) -> None:
     """Ways of reaching keyframes on the same motions: the paper's, ControlMM's, Adam, L-BFGS and ours."""
-    from scenectl.bench.control import DENSITIES, METHODS, bench_control, plot
-    from scenectl.bench.keyframes import JOINTS
+    from scenectl.bench.control import bench_control, plot
+    from scenectl.bench.keyframes import DENSITIES, JOINTS
+    from scenectl.bench.rivals import METHODS
 
-    chosen = (method or METHODS, joint or JOINTS, density or tuple(DENSITIES))
+    chosen = (method or METHODS, joint or JOINTS, density or tuple(DENSITIES), scene or ("empty",))
     with bars() as tell:
         result = bench_control(_generator(weights, threads), data, clips, *chosen, seed, tell)
     _show(
         result,
         json_file,
         (
-            "method", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m", "moved_m",
-            "bone_error_m", "max_acceleration_m_per_frame2", "skating_ratio",
+            "method", "scene", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m",
+            "deepest_penetration_m", "moved_m", "max_acceleration_m_per_frame2", "skating_ratio",
         ),
     )  # fmt: skip
     if plot_file is not None:

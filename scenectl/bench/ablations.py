@@ -18,12 +18,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from objectives import Context, Objective, Term
-from scenectl.bench.keyframes import FAILED, usable_clips
+from scenectl.bench.keyframes import DENSITIES, FAILED, Keyframes, usable_clips
 from scenectl.bench.posterior import bench_posterior
-from scenectl.control import ObjectiveGuide, SolverSettings
+from scenectl.control import SolverSettings
 from scenectl.data.corpus import Clip
-from scenectl.data.features import FPS, canonicalise, features_to_joints
+from scenectl.data.features import features_to_joints
 from scenectl.generators import load_generator
 from scenectl.generators.mscot import MSCoT
 from scenectl.metrics import max_acceleration, skating_ratio
@@ -38,9 +37,6 @@ from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, Variant, load_recipe
 from scenectl.training.refiner import train_refiner
 from scenectl.training.sweep import shortened, sweep, write_table
-from scenes.body import DEFAULT_BODY
-from scenes.motion import Motion, Pose2D
-from scenes.scene import Scene
 
 Row = dict[str, Any]
 Tell = Callable[[str, float], None]
@@ -324,10 +320,9 @@ def refinement(bench: Bench, tell: Tell) -> list[Path]:
 
 def densities(bench: Bench, tell: Tell) -> list[Path]:
     """Table 16: pelvis keyframes, from one to every frame."""
-    given: dict[str, int | float] = {"1": 1, "2": 2, "5": 5, "25%": 0.25, "100%": 1.0}
     rows = []
-    for i, (name, density) in enumerate(given.items()):
-        tell(f"density {name}", i / len(given))
+    for i, (name, density) in enumerate(DENSITIES.items()):
+        tell(f"density {name}", i / len(DENSITIES))
         rows.append({"density": name, **controlled(bench.generator, bench.test_clips, density)})
     return _table(bench, rows, "densities", "Control densities of the pelvis (the paper's Table 16)")
 
@@ -351,30 +346,24 @@ def controlled(
     """
     draw, rows = torch.Generator().manual_seed(seed), []
     for i, clip in enumerate(clips):
-        frames = min(clip.frames, MAX_FRAMES)
-        real = Motion(canonicalise(clip.joints[:frames]))
-        number = max(1, round(density * frames)) if isinstance(density, float) else min(density, frames)
-        at = torch.randperm(frames, generator=draw)[:number].sort().values
-        wanted = real.joint("pelvis")[at]
-        target = {"joint": "pelvis", "position": wanted.tolist()}
-        objective = Objective((Term("joint_target", target, tolerance=0.002, at=[f / FPS for f in at.tolist()]),))
-        guide = ObjectiveGuide(objective, Context(Scene.empty(), DEFAULT_BODY), solver or SolverSettings())
+        asked = Keyframes.drawn(clip, "pelvis", density, draw, seed + i)
+        guide = asked.guide(solver or SolverSettings())
         began = time.perf_counter()
-        made = generator.generate(clip.captions[0], frames / FPS, Pose2D(), guide, 1, seed + i)
+        made = asked.generate(generator, guide)
         seconds = time.perf_counter() - began
         before = made.motion if made.unrefined is None else made.unrefined
-        error, first = ((m[0].joint("pelvis")[at] - wanted).norm(dim=-1) for m in (made.motion, before))
+        error = asked.errors(made.motion)
         rows.append(
             {
                 "average_error_m": float(error.mean()),
                 "location_error": float((error > FAILED).float().mean()),
-                "guided_only_error_m": float(first.mean()),
+                "guided_only_error_m": float(asked.errors(before).mean()),
                 "moved_m": float((made.motion.joints - before.joints).norm(dim=-1).mean()),
                 "passes": float(guide.solution.evaluations if guide.solution else 0),
                 "skating_ratio": float(skating_ratio(made.motion[0])),
-                "skating_ratio_real": float(skating_ratio(real)),
+                "skating_ratio_real": float(skating_ratio(asked.real)),
                 "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
-                "max_acceleration_real_m_per_frame2": float(max_acceleration(real)),
+                "max_acceleration_real_m_per_frame2": float(max_acceleration(asked.real)),
                 "seconds": seconds,
             }
         )

@@ -4,154 +4,37 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
-from objectives import Context, Objective, Term
-from scenectl.bench.keyframes import FAILED, JOINTS, usable_clips
-from scenectl.control import ObjectiveGuide, SolverSettings
+from objectives import Term
+from scenectl.bench.keyframes import DENSITIES, FAILED, JOINTS, Keyframes, usable_clips
+from scenectl.bench.rivals import METHODS, Case, Remembered, ways
 from scenectl.control.natural import bone_errors
-from scenectl.data.corpus import Clip
-from scenectl.data.features import FPS, canonicalise
-from scenectl.generators.base import Generation, Guide, Progress, Step
-from scenectl.generators.mscot import MSCoT, _State
-from scenectl.metrics import max_acceleration, skating_ratio
+from scenectl.generators.base import Progress
+from scenectl.generators.mscot import MSCoT
+from scenectl.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.models.schedule import MAX_FRAMES
-from scenectl.text import TextEncoder, TextFeatures
-from scenes.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
-from scenes.motion import Motion, Pose2D
+from scenes.motion import Motion
+from scenes.primitives import Cylinder
 from scenes.scene import Scene
 from scenes.skeleton import HUMANML3D
 
-DENSITIES: dict[str, int | float] = {"1": 1, "2": 2, "5": 5, "25%": 0.25, "100%": 1.0}
-"""Keyframes, as a number, or as a share of the frames where it is a float."""
-METHODS = ("paper", "paper-best-step", "controlmm", "adam", "lbfgs", "scenectl")
-TOLERANCE = 0.001
-"""Metres from every keyframe within which methods that know when to stop do so."""
-
-PAPER_STEPS, PAPER_STEP = 200, 0.01
-STEPS_TRIED = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-"""Among which `paper-best-step` takes what leaves the least error on the first motions."""
-LOGIT_STEPS, EMBEDDING_STEPS, RATE = 100, 600, 0.06
-"""ControlMM's: AdamW iterations on the logits of every step, on the embeddings at the end, and their rate."""
+SCENES = ("empty", "pillars")
+PILLARS, RADIUS, HEIGHT = 3, 0.2, 2.2
+NEAREST, FURTHEST = 0.05, 0.3
+"""Metres between a pillar and the body of the recording, where that is nearest."""
+TRIES = 300
+"""Draws of a pillar; with fewer than `PILLARS` found by then, a scene has fewer."""
+_CLEAR = Term("sdf_penetration", {"margin": 0.03}, kernel="squared", reduction="sum", weight=300.0)
 
 Row = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Case:
-    """One joint of one real motion, to be met at some frames."""
-
-    clip: Clip
-    joint: str
-    density: str
-    at: Tensor
-    seed: int
-
-    @cached_property
-    def real(self) -> Motion:
-        """The clip's first frames, 196 at most."""
-        return Motion(canonicalise(self.clip.joints[:MAX_FRAMES]))
-
-    @property
-    def wanted(self) -> Float[Tensor, "K 3"]:
-        return self.real.joint(self.joint)[self.at]
-
-    def guide(self, solver: SolverSettings, tolerance: float = TOLERANCE) -> ObjectiveGuide:
-        """Towards the keyframes, met within a tolerance (m); 0 is never met."""
-        target = {"joint": self.joint, "position": self.wanted.tolist()}
-        times = [frame / FPS for frame in self.at.tolist()]
-        objective = Objective((Term("joint_target", target, tolerance=tolerance, at=times),))
-        return ObjectiveGuide(objective, Context(Scene.empty(), DEFAULT_BODY), solver)
-
-    def generate(self, generator: MSCoT, guide: Guide | None) -> Generation:
-        return generator.generate(self.clip.captions[0], self.real.frames / FPS, Pose2D(), guide, 1, self.seed)
-
-
-class _Remembered:
-    """A text encoder that encodes nothing twice: its time is none of the methods' business."""
-
-    def __init__(self, encoder: TextEncoder) -> None:
-        self.encoder, self.known = encoder, dict[tuple[str, ...], TextFeatures]()
-
-    @property
-    def name(self) -> str:
-        return self.encoder.name
-
-    @property
-    def dim(self) -> int:
-        return self.encoder.dim
-
-    def encode(self, prompts: list[str]) -> TextFeatures:
-        if tuple(prompts) not in self.known:
-            self.known[tuple(prompts)] = self.encoder.encode(prompts)
-        return self.known[tuple(prompts)]
-
-
-class _Timed:
-    """A guide whose refinement is timed."""
-
-    def __init__(self, guide: Guide) -> None:
-        self.guide, self.seconds = guide, 0.0
-
-    def log_prob(self, step: Step) -> Tensor:
-        return self.guide.log_prob(step)
-
-    def gradient(self, step: Step) -> Tensor:
-        return self.guide.gradient(step)
-
-    def refine(self, step: Step) -> Tensor:
-        began = time.perf_counter()
-        refined = self.guide.refine(step)
-        self.seconds = time.perf_counter() - began
-        return refined
-
-    def finish(self, made: Generation) -> Generation:
-        began = time.perf_counter()
-        finished = self.guide.finish(made)
-        self.seconds += time.perf_counter() - began
-        return finished
-
-
-class ControlMM(MSCoT):
-    """MSCoT's tokens under ControlMM's control: AdamW on each scale's logits instead of one tilt."""
-
-    def _tilted(self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide) -> Tensor:
-        codes = self.quantiser.codes(k)
-        logits = prior.detach().clone().requires_grad_(True)
-        step = self._step(state, prior.exp() @ codes, lambda e: [*state.refined, e])
-        optimiser = torch.optim.AdamW([logits], lr=RATE)
-        with torch.enable_grad():
-            for _ in range(LOGIT_STEPS):
-                optimiser.zero_grad()
-                (-guide.log_prob(step.at(logits.softmax(-1) @ codes)).sum()).backward()
-                optimiser.step()
-        return logits.detach().log_softmax(-1)
-
-    def _refine(self, state: _State, guide: Guide) -> list[Tensor]:
-        lengths = [e.shape[1] for e in state.refined]
-        value = torch.cat(state.refined, dim=1)
-        step = self._step(state, value, lambda v: list(v.split(lengths, dim=1)))
-        moved = value.detach().clone().requires_grad_(True)
-        optimiser = torch.optim.AdamW([moved], lr=RATE)
-        began = time.perf_counter()
-        with torch.enable_grad():
-            for _ in range(EMBEDDING_STEPS):
-                optimiser.zero_grad()
-                (-guide.log_prob(step.at(moved)).sum()).backward()
-                optimiser.step()
-        if isinstance(guide, _Timed):
-            guide.seconds = time.perf_counter() - began
-        return list(moved.detach().split(lengths, dim=1))
 
 
 def bench_control(
@@ -161,6 +44,7 @@ def bench_control(
     methods: Sequence[str] = METHODS,
     joints: Sequence[str] = JOINTS,
     densities: Sequence[str] = tuple(DENSITIES),
+    scenes: Sequence[str] = ("empty",),
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -170,12 +54,14 @@ def bench_control(
         generator: whose tokens and decoder all methods share.
         data: folder of the motion collection.
         clips: test clips of 64 frames or more for each joint and density.
-        methods, joints, densities: those of the module's constants that shall run.
+        methods, joints, densities: those of `METHODS`, `JOINTS` and `DENSITIES` that shall run.
+        scenes: "empty", or "pillars" that stand close to the recording's way, which touches none; there a body has to
+            keep out of them besides.
         seed: of clips, frames and motions.
         progress: called with what is being done and the fraction done.
 
     Raises:
-        UserError: a method, joint or density that is not known, or no clip.
+        UserError: a method, joint, density or scene that is not known, or no clip.
 
     Returns:
         ``{"summary", "rows"}``: a row for each method and case, and for the same sample without control
@@ -183,122 +69,78 @@ def bench_control(
         everything else, by method and density, medians of times of 196 frames alone where there are any, and ratios of
         medians to the paper's.
     """
-    for given, known in ((methods, METHODS), (joints, JOINTS), (densities, DENSITIES)):
+    for given, known in ((methods, METHODS), (joints, JOINTS), (densities, DENSITIES), (scenes, SCENES)):
         for name in given:
             if name not in known:
                 raise UserError(f"unknown '{name}'{did_you_mean(name, known)}")
     tell = progress or (lambda what, done: None)
-    generator = MSCoT(replace(generator.bundle, text=_Remembered(generator.bundle.text)), generator.sampling)
-    cases = list(_cases(data, clips, joints, densities, seed))
-    ways = _ways(generator, cases, methods, tell)
+    generator = MSCoT(replace(generator.bundle, text=Remembered(generator.bundle.text)), generator.sampling)
+    cases = [case for scene in scenes for case in _cases(data, clips, joints, densities, scene, seed)]
+    chosen = ways(generator, cases, methods, tell)
     rows = []
     for i, case in enumerate(cases):
-        tell(f"{case.joint} {case.density}", i / len(cases))
-        free = case.generate(generator, None).motion
-        rows.append(_row("uncontrolled", case, free, free, 0.0, 0.0, 0))
-        for name, way in ways.items():
+        tell(f"{case.keyframes.joint} {case.density}", i / len(cases))
+        free = case.keyframes.generate(generator, None).motion
+        scorer = Scorer(case.scene)
+        rows.append(
+            _row("uncontrolled", case, free, free, scorer) | {"seconds": 0.0, "refine_seconds": 0.0, "passes": 0}
+        )
+        for name, way in chosen.items():
             began = time.perf_counter()
             made, refining, passes = way(case)
-            seconds = time.perf_counter() - began
-            rows.append(_row(name, case, made.motion, made.unrefined or made.motion, seconds, refining, passes))
+            cost = {"seconds": time.perf_counter() - began, "refine_seconds": refining, "passes": passes}
+            rows.append(_row(name, case, made.motion, made.unrefined or made.motion, scorer) | cost)
     return {"summary": _summary(rows, methods), "rows": rows}
 
 
-def _cases(data: str | Path, clips: int, joints: Sequence[str], densities: Sequence[str], seed: int) -> Iterator[Case]:
+def _cases(
+    data: str | Path, clips: int, joints: Sequence[str], densities: Sequence[str], scene: str, seed: int
+) -> Iterator[Case]:
     usable = usable_clips(data)
     draw = torch.Generator().manual_seed(seed)
     for joint in joints:
         for density in densities:
             for i in torch.randperm(len(usable), generator=draw)[:clips].tolist():
-                frames, given = min(usable[i].frames, MAX_FRAMES), DENSITIES[density]
-                number = max(1, round(given * frames)) if isinstance(given, float) else given
-                at = torch.randperm(frames, generator=draw)[:number].sort().values
-                yield Case(usable[i], joint, density, at, seed + i)
+                asked = Keyframes.drawn(usable[i], joint, DENSITIES[density], draw, seed + i)
+                yield _between_pillars(asked, density) if scene == "pillars" else Case(asked, density, Scene.empty())
 
 
-Way = Callable[[Case], tuple[Generation, float, int]]
-"""Makes a case's motion; returns it with the seconds and the decoder passes of its refinement."""
+def _between_pillars(asked: Keyframes, density: str) -> Case:
+    """Keyframes of a recording among pillars, which it passes at `NEAREST` to `FURTHEST`."""
+    draw, way = torch.Generator().manual_seed(asked.seed), asked.real.joint("pelvis")[:, [0, 2]]
+    found: list[Cylinder] = []
+    for _ in range(TRIES):
+        frame = int(torch.randint(len(way), (), generator=draw))
+        x, z = (way[frame] + 0.6 * torch.randn(2, generator=draw)).tolist()
+        pillar = Cylinder((x, HEIGHT / 2, z), RADIUS, HEIGHT)
+        nearest = Scorer(Scene(primitives=(pillar,))).depths(asked.real).clearance.min()
+        if NEAREST <= nearest <= FURTHEST:
+            found.append(pillar)
+        if len(found) == PILLARS:
+            break
+    return Case(asked, density, Scene(primitives=found, floor=0.0, name="pillars"), (_CLEAR,))
 
 
-def _ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell: Progress) -> dict[str, Way]:
-    scales = generator.quantiser.scales
-    plain = replace(generator.bundle, metric=None)  # others search in embeddings as they are
-    rival, other = ControlMM(plain, generator.sampling), MSCoT(plain, generator.sampling)
-
-    def solved(solver: SolverSettings, tolerance: float = TOLERANCE, by: MSCoT = other) -> Way:
-        def way(case: Case) -> tuple[Generation, float, int]:
-            guide = case.guide(solver, tolerance)
-            timed = _Timed(guide)
-            made = case.generate(by, timed)
-            return made, timed.seconds, scales + (guide.solution.evaluations if guide.solution else 0)
-
-        return way
-
-    def ascent(step: float) -> Way:
-        endless = SolverSettings(
-            name="gradient",
-            iterations=PAPER_STEPS,
-            step=step,
-            prior=0.0,
-            patience=PAPER_STEPS + 1,
-            natural=False,
-            polish=False,
-        )
-        return solved(endless, 0.0)
-
-    def patient(name: str) -> Way:
-        steps = {"iterations": PAPER_STEPS, "patience": PAPER_STEPS + 1}  # Adam's cost rises at first
-        return solved(SolverSettings.model_validate({"name": name, "natural": False, "polish": False, **steps}))
-
-    def controlmm(case: Case) -> tuple[Generation, float, int]:
-        timed = _Timed(case.guide(SolverSettings(polish=False), 0.0))
-        made = case.generate(rival, timed)
-        return made, timed.seconds, scales * LOGIT_STEPS + EMBEDDING_STEPS
-
-    ways: dict[str, Way] = {
-        "paper": ascent(PAPER_STEP),
-        "controlmm": controlmm,
-        "adam": patient("adam"),
-        "lbfgs": patient("lbfgs"),
-        "scenectl": solved(SolverSettings(), by=generator),
-    }
-    if "paper-best-step" in methods:
-        tell("the paper's best step", 0.0)
-        ways["paper-best-step"] = ascent(_best_step(ascent, cases))
-    return {name: ways[name] for name in methods}
-
-
-def _best_step(ascent: Callable[[float], Way], cases: Sequence[Case]) -> float:
-    def error(step: float) -> float:
-        few = cases[:: max(1, len(cases) // 4)][:4]
-        return statistics.fmean(float(_errors(case, ascent(step)(case)[0].motion).mean()) for case in few)
-
-    return min(STEPS_TRIED, key=error)
-
-
-def _row(method: str, case: Case, motion: Motion, before: Motion, seconds: float, refining: float, passes: int) -> Row:
-    error = _errors(case, motion)
-    others = [j for j in range(len(HUMANML3D.names)) if HUMANML3D.names[j] != case.joint]
+def _row(method: str, case: Case, motion: Motion, before: Motion, scorer: Scorer) -> Row:
+    error, depths = case.keyframes.errors(motion), scorer.depths(motion[0])
+    others = [j for j in range(len(HUMANML3D.names)) if HUMANML3D.names[j] != case.keyframes.joint]
     moved = (motion.joints - before.joints)[..., others, :].norm(dim=-1).mean()
     return {
         "method": method,
-        "joint": case.joint,
+        "scene": case.scene.name,
+        "joint": case.keyframes.joint,
         "density": case.density,
-        "frames": case.real.frames,
-        "seconds": seconds,
-        "refine_seconds": refining,
-        "passes": passes,
+        "frames": motion.frames,
         "average_error_m": float(error.mean()),
         "location_error": float((error > FAILED).float().mean()),
+        "trajectory_error": float((error > FAILED).any()),
+        "deepest_penetration_m": float(depths.obstacles.max()),
+        "deepest_floor_penetration_m": float(depths.floor.max()),
         "moved_m": float(moved),
         "bone_error_m": float(bone_errors(motion).mean()),
         "max_acceleration_m_per_frame2": float(max_acceleration(motion[0])),
         "skating_ratio": float(skating_ratio(motion[0])),
     }
-
-
-def _errors(case: Case, motion: Motion) -> Float[Tensor, " K"]:
-    return (motion[0].joint(case.joint)[case.at] - case.wanted).norm(dim=-1)
 
 
 _MEDIANS = ("seconds", "refine_seconds", "passes")

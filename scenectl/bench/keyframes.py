@@ -5,18 +5,20 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective, Term
 from scenectl.control import ObjectiveGuide, SolverSettings
 from scenectl.data.corpus import Clip, load_motions
 from scenectl.data.features import FPS, canonicalise
-from scenectl.generators.base import Generator, Progress
+from scenectl.generators.base import Generation, Generator, Guide, Progress
 from scenectl.metrics import max_acceleration, skating_ratio
 from scenectl.models.schedule import MAX_FRAMES
 from scenes.body import DEFAULT_BODY
@@ -25,9 +27,63 @@ from scenes.motion import Motion, Pose2D
 from scenes.scene import Scene
 
 JOINTS = ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")
+DENSITIES: dict[str, int | float] = {"1": 1, "2": 2, "5": 5, "25%": 0.25, "100%": 1.0}
+"""Keyframes, as a number, or as a share of the frames where it is a float."""
 FAILED = 0.5
 """A keyframe missed by more than this (m) counts as a location error."""
 SHORTEST = 64
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """One joint of a recorded motion at some frames, to be met by a motion of the same caption and length.
+
+    Attributes:
+        clip: the recording, of which the first 196 frames count.
+        joint: its name.
+        at: the frames, in order.
+        seed: of the motion.
+    """
+
+    clip: Clip
+    joint: str
+    at: Int[Tensor, " K"]
+    seed: int
+
+    @classmethod
+    def drawn(cls, clip: Clip, joint: str, density: int | float, draw: torch.Generator, seed: int) -> Keyframes:
+        """At random frames: so many, or such a share of them where it is a float."""
+        frames = min(clip.frames, MAX_FRAMES)
+        number = max(1, round(density * frames)) if isinstance(density, float) else density
+        return cls(clip, joint, torch.randperm(frames, generator=draw)[:number].sort().values, seed)
+
+    @cached_property
+    def real(self) -> Motion:
+        """The recording, over the origin at first and facing +z."""
+        return Motion(canonicalise(self.clip.joints[:MAX_FRAMES]))
+
+    @property
+    def wanted(self) -> Float[Tensor, "K 3"]:
+        """Places, m."""
+        return self.real.joint(self.joint)[self.at]
+
+    def goal(self, tolerance: float) -> Term:
+        """To be there within a tolerance (m)."""
+        target = {"joint": self.joint, "position": self.wanted.tolist()}
+        return Term("joint_target", target, tolerance=tolerance, at=[frame / FPS for frame in self.at.tolist()])
+
+    def guide(self, solver: SolverSettings, tolerance: float = 0.002) -> ObjectiveGuide:
+        """To the keyframes on an empty floor."""
+        return ObjectiveGuide(Objective((self.goal(tolerance),)), Context(Scene.empty(), DEFAULT_BODY), solver)
+
+    def generate(self, generator: Generator, guide: Guide | None) -> Generation:
+        """One motion by the recording's caption."""
+        seconds = self.real.frames / FPS
+        return generator.generate(self.clip.captions[0], seconds, Pose2D(), guide, 1, self.seed)
+
+    def errors(self, motion: Motion) -> Float[Tensor, " K"]:
+        """Distances (m) of one motion ``[1, T, J, 3]`` from the keyframes."""
+        return (motion[0].joint(self.joint)[self.at] - self.wanted).norm(dim=-1)
 
 
 def bench_keyframes(
@@ -55,12 +111,13 @@ def bench_keyframes(
     """
     tell = progress or (lambda what, done: None)
     draw = torch.Generator().manual_seed(seed)
-    chosen = _clips(data, clips, draw)
+    usable = usable_clips(data)
     rows = []
-    for i, clip in enumerate(chosen):
+    for i, number in enumerate(chosen := torch.randperm(len(usable), generator=draw)[:clips].tolist()):
         joint = JOINTS[i % len(JOINTS)]
         tell(f"keyframes: {joint}", i / len(chosen))
-        rows.append(_row(generator, clip, joint, keyframes, draw, seed + i, solver or SolverSettings()))
+        asked = Keyframes.drawn(usable[number], joint, keyframes, draw, seed + i)
+        rows.append(_row(generator, asked, solver or SolverSettings()))
     return {"summary": {"clips": len(rows), "keyframes": keyframes, **_summary(rows)}, "rows": rows}
 
 
@@ -72,56 +129,32 @@ def usable_clips(data: str | Path) -> list[Clip]:
     return usable
 
 
-def _clips(data: str | Path, count: int, draw: torch.Generator) -> list[Clip]:
-    usable = usable_clips(data)
-    order = torch.randperm(len(usable), generator=draw).tolist()
-    return [usable[i] for i in order[:count]]
-
-
-def _row(
-    generator: Generator,
-    clip: Clip,
-    joint: str,
-    keyframes: int,
-    draw: torch.Generator,
-    seed: int,
-    solver: SolverSettings,
-) -> dict[str, Any]:
-    frames = min(clip.frames, MAX_FRAMES)
-    real = Motion(canonicalise(clip.joints[:frames]))
-    at = torch.randperm(frames, generator=draw)[:keyframes].sort().values
-    wanted = real.joint(joint)[at]
-    times = [frame / FPS for frame in at.tolist()]
-    target = {"joint": joint, "position": wanted.tolist()}
-    objective = Objective((Term("joint_target", target, tolerance=0.002, at=times),))
-    guide = ObjectiveGuide(objective, Context(Scene.empty(), DEFAULT_BODY), solver)
-    free = generator.generate(clip.captions[0], frames / FPS, Pose2D(), None, 1, seed).motion[0]
+def _row(generator: Generator, asked: Keyframes, solver: SolverSettings) -> dict[str, Any]:
+    free = asked.generate(generator, None).motion
+    guide = asked.guide(solver)
     began = time.perf_counter()
-    made = generator.generate(clip.captions[0], frames / FPS, Pose2D(), guide, 1, seed)
+    made = asked.generate(generator, guide)
     seconds = time.perf_counter() - began
     assert made.unrefined is not None
-    error = _errors(made.motion[0], joint, at, wanted)
+    error = asked.errors(made.motion)
     return {
-        "clip": clip.id,
-        "source": clip.source,
-        "joint": joint,
-        "frames": frames,
+        "clip": asked.clip.id,
+        "source": asked.clip.source,
+        "joint": asked.joint,
+        "frames": asked.real.frames,
         "average_error_m": float(error.mean()),
         "location_error": float((error > FAILED).float().mean()),
-        "guided_only_error_m": float(_errors(made.unrefined[0], joint, at, wanted).mean()),
-        "uncontrolled_error_m": float(_errors(free, joint, at, wanted).mean()),
+        "trajectory_error": float((error > FAILED).any()),
+        "guided_only_error_m": float(asked.errors(made.unrefined).mean()),
+        "uncontrolled_error_m": float(asked.errors(free).mean()),
         "skating_ratio": float(skating_ratio(made.motion[0])),
-        "uncontrolled_skating_ratio": float(skating_ratio(free)),
-        "real_skating_ratio": float(skating_ratio(real)),
+        "uncontrolled_skating_ratio": float(skating_ratio(free[0])),
+        "real_skating_ratio": float(skating_ratio(asked.real)),
         "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
-        "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
-        "real_max_acceleration_m_per_frame2": float(max_acceleration(real)),
+        "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free[0])),
+        "real_max_acceleration_m_per_frame2": float(max_acceleration(asked.real)),
         "seconds": seconds,
     }
-
-
-def _errors(motion: Motion, joint: str, at: Tensor, wanted: Float[Tensor, "K 3"]) -> Float[Tensor, " K"]:
-    return (motion.joint(joint)[at] - wanted).norm(dim=-1)
 
 
 def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

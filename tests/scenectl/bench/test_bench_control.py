@@ -6,15 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from scenectl.bench import control
-from scenectl.bench.control import METHODS, bench_control, plot
+from scenectl.bench import rivals
+from scenectl.bench.control import FURTHEST, NEAREST, PILLARS, _cases, bench_control, plot
+from scenectl.bench.rivals import METHODS
+from scenectl.control import SolverSettings
 from scenectl.generators.mscot import MSCoT
+from scenectl.metrics import Scorer
 from scenes.errors import UserError
 from tests.scenectl.small import bundle
 from tests.scenectl.training.folder import walks
 
 KEYS = {
-    "method", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m", "location_error",
+    "method", "scene", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m",
+    "location_error", "trajectory_error", "deepest_penetration_m", "deepest_floor_penetration_m",
     "moved_m", "bone_error_m", "max_acceleration_m_per_frame2", "skating_ratio",
 }  # fmt: skip
 
@@ -28,8 +32,8 @@ def test_every_method_has_a_row_beside_the_free_sample(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("PAPER_STEPS", "LOGIT_STEPS", "EMBEDDING_STEPS"):
-        monkeypatch.setattr(control, name, 4)
-    monkeypatch.setattr(control, "STEPS_TRIED", (1e-6, 1e-4))
+        monkeypatch.setattr(rivals, name, 4)
+    monkeypatch.setattr(rivals, "STEPS_TRIED", (1e-6, 1e-4))
     result = bench_control(MSCoT(bundle()), data, 1, METHODS, ("head",), ("2", "25%"))
     rows, summary = result["rows"], result["summary"]
     assert [row["method"] for row in rows] == ["uncontrolled", *METHODS] * 2
@@ -41,6 +45,7 @@ def test_every_method_has_a_row_beside_the_free_sample(
     assert lbfgs["average_error_m"] < min(paper["average_error_m"], 0.5 * free["average_error_m"])
     assert summary["motions"] == 2 and summary["paper_over_scenectl_passes"] > 0
     assert summary["scenectl_average_error_m_at_2"] == controlled[-1]["average_error_m"]
+    assert all(row["deepest_penetration_m"] == 0.0 for row in rows)
     plot(result, tmp_path / "control.png")
     assert (tmp_path / "control.png").read_bytes().startswith(b"\x89PNG")
 
@@ -52,3 +57,14 @@ def test_every_method_has_a_row_beside_the_free_sample(
 def test_what_is_not_known_is_named(data: Path, methods: tuple, joints: tuple, densities: tuple) -> None:
     with pytest.raises(UserError, match=r"unknown '(papr|hed|3)'"):
         bench_control(MSCoT(bundle()), data, 1, methods, joints, densities)
+
+
+def test_pillars_stand_close_to_the_recording_which_touches_none(data: Path) -> None:
+    result = bench_control(MSCoT(bundle()), data, 1, ("scenectl",), ("head",), ("2",), ("empty", "pillars"))
+    rows = result["rows"]
+    assert [row["scene"] for row in rows] == ["empty", "empty", "pillars", "pillars"]
+    assert rows[0]["average_error_m"] == rows[2]["average_error_m"]  # the free sample knows nothing of pillars
+    (case,) = _cases(data, 1, ("head",), ("2",), "pillars", 0)
+    clearance = Scorer(case.scene).depths(case.keyframes.real).clearance.min()
+    assert len(case.scene.primitives) == PILLARS and NEAREST <= clearance <= FURTHEST
+    assert [term.goal for term in case.guide(SolverSettings()).objective.terms] == ["joint_target", "sdf_penetration"]
