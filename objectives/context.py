@@ -27,6 +27,16 @@ class SceneLike(Protocol):
 
 
 @runtime_checkable
+class Grounded(Protocol):
+    """A scene that knows how high soles stand, which a `SceneLike` need not."""
+
+    @property
+    def ground(self) -> float | None:
+        """Metres, world; None where it is not known."""
+        ...
+
+
+@runtime_checkable
 class BodyLike(Protocol):
     """The part of `scenes.ProxyBody` that goals use."""
 
@@ -60,3 +70,8 @@ class Context:
 
     scene: SceneLike
     body: BodyLike
+
+    @property
+    def ground(self) -> float | None:
+        """Height (m, world) on which soles stand, where the scene knows it."""
+        return self.scene.ground if isinstance(self.scene, Grounded) else None

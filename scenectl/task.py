@@ -35,8 +35,9 @@ from scenes.scene import BUNDLED, Scene, bundled, bundled_names, load_scene
 
 FASTEST_WALK = 1.6
 """Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
-PACE = 0.9
-"""Metres a second at which tasks without `seconds` are timed; a second more covers starting and stopping."""
+PACE, LEEWAY = 1.2, 0.2
+"""Metres a second at which tasks without `seconds` are timed, and seconds more: as the shipped generators walk when
+nothing leads them. Feet of whoever is led at another pace slide."""
 FPS = 20.0
 """Frames a second of the shipped generators; tasks are checked on this clock."""
 GROUND = 0.2
@@ -377,7 +378,7 @@ class Task(_Table):
             return self.seconds
         length = path_length(path)
         if self.seconds is None:
-            seconds = max(round(length / PACE + 1.0, 1), SHORTEST)
+            seconds = max(round(length / PACE + LEEWAY, 1), SHORTEST)
             if seconds > LONGEST:
                 raise UserError(
                     f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {LONGEST:g} s "

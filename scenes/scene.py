@@ -200,6 +200,14 @@ class Scene:
             return Floor(height=float(self.stated_floor), found=False)
         return find_floor(self.meshes)
 
+    @cached_property
+    def ground(self) -> float | None:
+        """Height (m, world) on which soles stand; None where no floor is stated, nor found in the meshes."""
+        try:
+            return self.floor.height
+        except UserError:
+            return None
+
     @property
     def moving(self) -> tuple[MovingObject | Sphere | Capsule, ...]:
         """The objects and primitives whose ``mesh(time)`` depends on the time."""

@@ -31,14 +31,16 @@ def sdf_penetration(
     here max(0, margin - d_m). What is exempted counts neither in the sum nor in the mean.
 
     Args:
-        margin: distance that shall stay free between body and scene, m; the paper has none.
+        margin: distance that shall stay free between body and scene, m; the paper has none. The floor may be stood on:
+            of what is lower than the margin over its height, no more is asked than that (on a step of stairs, all).
         exempt: joints whose part of the body may touch the scene, such as a hand that reaches into a shelf.
         exempt_windows: the exemption holds only in these [begin, end] (s); without `exempt` it is the whole body's.
     """
     points, radius = context.body.points(motion)
     # The time axis lines up with T, so that fields which move are asked at the moment of each frame.
     distance = context.scene.distance(points, motion.times[:, None])
-    depth = (margin - (distance - radius.to(distance))).clamp_min(0)
+    radius = radius.to(distance)
+    depth = (_asked(margin, points[..., 1] - radius, context) - (distance - radius)).clamp_min(0)
     active = _counted(motion, context.body.owners, chosen(exempt, motion), exempt_windows)
     return Masked(depth, active.expand(depth.shape), labels=context.body.owners, points=points)
 
@@ -60,7 +62,7 @@ def swept_penetration(
     cost is in metres all the same, and so takes the same weights.
 
     Args:
-        margin: distance that shall stay free between body and scene, m.
+        margin: distance that shall stay free between body and scene, m; of the floor as for `sdf_penetration`.
         speed: the fastest that anything in the scene moves, m/s.
         exempt: joints whose part of the body may touch the scene.
         exempt_windows: the exemption holds only in these [begin, end] (s); without `exempt` it is the whole body's.
@@ -70,12 +72,19 @@ def swept_penetration(
     ends = (a[..., now, :, :], b[..., now, :, :], a[..., then, :, :], b[..., then, :, :])
     times = (motion.times[now, None], motion.times[then, None])
     room = swept_clearance(context.scene, *ends, radius, times, speed, tolerance=0.005, enough=margin)
-    depth = 100 * (margin - room).clamp_min(0)
+    lowest = torch.stack([end[..., 1] for end in ends]).amin(0) - radius
+    depth = 100 * (_asked(margin, lowest, context) - room).clamp_min(0)
     counted = _counted(motion, owners, chosen(exempt, motion), exempt_windows)
     active = (counted[now] & counted[then]) & (motion.valid[..., now, None] & motion.valid[..., then, None])
     # Frame t stands for the step from t to t + 1, so the last frame of a motion has none.
     depth = torch.nn.functional.pad(depth, (0, 0, 0, 1))
     return Masked(depth, torch.nn.functional.pad(active, (0, 0, 0, 1)), labels=owners, points=(a + b) / 2)
+
+
+def _asked(margin: float, bottoms: Float[Tensor, "*b"], context: Context) -> float | Float[Tensor, "*b"]:
+    """The margin (m); of parts of the body whose lowest point (m, world) is lower over the ground, only that much."""
+    ground = context.ground if margin else None
+    return margin if ground is None else (bottoms - ground).clamp(0.0, margin)
 
 
 def _counted(

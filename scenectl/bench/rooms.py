@@ -14,7 +14,7 @@ import torch
 
 from scenectl.control import SolverSettings
 from scenectl.generators.base import Generator, Progress
-from scenectl.metrics import Scorer
+from scenectl.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.runner import run
 from scenectl.task import Start, Task, Walk
 from scenes.errors import UserError
@@ -62,6 +62,11 @@ class Room:
     height: float
     prompt: str
     rejected: Counter[str]
+
+    @property
+    def ground(self) -> float:
+        """Height (m) of the lowest foot joint of a standing person."""
+        return self.scene.floor.height + self.scorer.body.sole_offset
 
 
 def bench_rooms(
@@ -148,7 +153,9 @@ def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[f
 
 def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
     assert task.walk is not None
-    result = run(task, samples, seed, generator, None, task.build(seed, scene=room.scene), room.scorer)
+    problem = task.build(seed, scene=room.scene)
+    free = generator.generate(task.prompt, problem.seconds, problem.start, None, 1, seed).motion[0]
+    result = run(task, samples, seed, generator, None, problem, room.scorer)
     motion, path = result.motion[0], result.problem.path
     assert path is not None
     missed = _missed(motion, task.walk.to)
@@ -169,6 +176,8 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "quick": seconds <= QUICK,
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
         **figures,
+        "uncontrolled_skating_ratio": float(skating_ratio(free, room.ground)),
+        "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
         "seconds": seconds,
     }
 
@@ -178,12 +187,14 @@ def _missed(motion: Motion, target: tuple[float, float]) -> float:
     return float((end - torch.tensor(target)).norm())
 
 
+_NATURAL = tuple(
+    f"{way}{key}" for key in ("skating_ratio", "max_acceleration_m_per_frame2") for way in ("", "uncontrolled_")
+)
+
+
 def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     def share(key: str) -> float:
         return sum(bool(row[key]) for row in rows) / max(len(rows), 1)
-
-    def median(key: str) -> float:
-        return statistics.median(row[key] for row in rows)
 
     return {
         "tasks": len(rows),
@@ -197,9 +208,8 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "deepest_penetration_m": max(row["deepest_penetration_m"] for row in rows),
         "deepest_floor_penetration_m": max(row["deepest_floor_penetration_m"] for row in rows),
         "mean_share_of_frames_touching": statistics.fmean(row["share_of_frames_touching"] for row in rows),
-        "median_skating_ratio": median("skating_ratio"),
-        "median_max_acceleration_m_per_frame2": median("max_acceleration_m_per_frame2"),
-        "median_seconds": median("seconds"),
+        **{key: statistics.fmean(row[key] for row in rows) for key in _NATURAL},
+        "median_seconds": statistics.median(row["seconds"] for row in rows),
         "by_mesh": {
             mesh: sum(row["success"] for row in rows if row["mesh"] == mesh) / sum(row["mesh"] == mesh for row in rows)
             for mesh in dict.fromkeys(row["mesh"] for row in rows)

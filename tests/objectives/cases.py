@@ -28,6 +28,10 @@ class Ball:
     floor: float = 0.0
 
     @property
+    def ground(self) -> float:
+        return self.floor
+
+    @property
     def bounds(self) -> np.ndarray:
         return np.array([[-3.0, self.floor, -3.0], [3.0, self.floor + 3.0, 3.0]])
 

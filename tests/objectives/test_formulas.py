@@ -215,3 +215,33 @@ def test_swept_penetration_sees_a_wall_that_the_frames_miss() -> None:
     sunk = Motion(joints[:1].expand(3, -1, -1) - lift - torch.tensor([0, 0.1, 0]))
     swept, framed = (Term(name).report(sunk, world)[0] for name in ("swept_penetration", "sdf_penetration"))
     assert swept.worst == pytest.approx(100 * framed.worst, abs=0.5)
+
+
+@pytest.mark.parametrize("goal", ["sdf_penetration", "swept_penetration"])
+def test_a_margin_is_kept_from_walls_and_not_from_the_floor_one_stands_on(goal: str) -> None:
+    lift = torch.tensor([0, 0.3 + DEFAULT_BODY.sole_offset, 0])
+    motion = Motion(standing(3, dtype=torch.float32) + lift)
+    floor = Context(Scene.empty(floor=0.3), DEFAULT_BODY)
+    without, kept = (Term(goal, {"margin": m}).evaluate(motion, floor).residual for m in (0.0, 0.1))
+    torch.testing.assert_close(kept, without)
+    # One whose front is 5 cm from a wall, far above the ground, is told to keep 10 from it, feet and all.
+    points, radius = DEFAULT_BODY.points(motion)
+    front = float((points[..., 2] + radius).amax())
+    wall = Context(Scene([], [Box((0.0, 1.0, front + 0.15), (4.0, 4.0, 0.2))], floor=-1.0), DEFAULT_BODY)
+    report = Term(goal, {"margin": 0.1}).report(motion, wall)[0]
+    assert report.worst == pytest.approx(5.0 if report.unit == "cm" else 0.05, rel=0.1)
+
+
+def test_a_scene_that_does_not_know_its_ground_has_margins_everywhere() -> None:
+    joints = standing(3, dtype=torch.float32) + torch.tensor([0, 0.3 + DEFAULT_BODY.sole_offset, 0])
+
+    class Bare:
+        bounds = ((-3, 0, -3), (3, 3, 3))
+
+        def distance(self, points: Tensor, time: Tensor | None = None) -> Tensor:
+            return points[..., 1] - 0.3
+
+    terms = [Term("sdf_penetration", {"margin": m}) for m in (0.0, 0.1)]
+    without, kept = (term.report(Motion(joints), Context(Bare(), DEFAULT_BODY))[0].worst for term in terms)
+    assert kept == pytest.approx(without + 0.1, abs=1e-5)
+    assert Scene([], floor=0.3).ground == 0.3
