@@ -204,7 +204,6 @@ class Walk(_Table):
             "half_width": self.half_width,
             "begin": 0.0,
             "end": arrive,
-            "pace": "ease",
         }
         return [Term("follow_path", corridor, self.weight, name="walk: path"), *terms]
 

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from objectives import Term
-from scenectl.bench.keyframes import DENSITIES, FAILED, JOINTS, Keyframes, usable_clips
+from scenectl.bench.keyframes import DENSITIES, FAILED, FLOOR, JOINTS, Keyframes, usable_clips
 from scenectl.bench.rivals import METHODS, Case, Remembered, ways
 from scenectl.control.natural import bone_errors
 from scenectl.generators.base import Progress
@@ -102,7 +102,7 @@ def _cases(
         for density in densities:
             for i in torch.randperm(len(usable), generator=draw)[:clips].tolist():
                 asked = Keyframes.drawn(usable[i], joint, DENSITIES[density], draw, seed + i)
-                yield _between_pillars(asked, density) if scene == "pillars" else Case(asked, density, Scene.empty())
+                yield _between_pillars(asked, density) if scene == "pillars" else Case(asked, density, Scene.empty(FLOOR))
 
 
 def _between_pillars(asked: Keyframes, density: str) -> Case:
@@ -118,7 +118,7 @@ def _between_pillars(asked: Keyframes, density: str) -> Case:
             found.append(pillar)
         if len(found) == PILLARS:
             break
-    return Case(asked, density, Scene(primitives=found, floor=0.0, name="pillars"), (_CLEAR,))
+    return Case(asked, density, Scene(primitives=found, floor=FLOOR, name="pillars"), (_CLEAR,))
 
 
 def _row(method: str, case: Case, motion: Motion, before: Motion, scorer: Scorer) -> Row:

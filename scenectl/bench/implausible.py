@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term, diagnosis
-from scenectl.bench.keyframes import usable_clips
+from scenectl.bench.keyframes import FLOOR, usable_clips
 from scenectl.control import ObjectiveGuide, SolverSettings
 from scenectl.control.natural import LIFT, STRETCH, Natural, bone_errors
 from scenectl.data.features import FPS, canonicalise
@@ -30,7 +30,7 @@ KINDS = ("too high", "under the floor", "too far", "torn apart", "noisy")
 NOISE = 0.15
 """Standard deviation (m) of every coordinate of noisy targets."""
 TOLERANCE = 0.01
-_CONTEXT = Context(Scene.empty(), DEFAULT_BODY)
+_CONTEXT = Context(Scene.empty(FLOOR), DEFAULT_BODY)
 
 
 @dataclass(frozen=True)

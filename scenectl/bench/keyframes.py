@@ -32,6 +32,8 @@ DENSITIES: dict[str, int | float] = {"1": 1, "2": 2, "5": 5, "25%": 0.25, "100%"
 FAILED = 0.5
 """A keyframe missed by more than this (m) counts as a location error."""
 SHORTEST = 64
+FLOOR = -DEFAULT_BODY.sole_offset
+"""Height (m) of the floor: a recording's lowest foot joint is at 0."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Keyframes:
 
     def guide(self, solver: SolverSettings, tolerance: float = 0.002) -> ObjectiveGuide:
         """To the keyframes on an empty floor."""
-        return ObjectiveGuide(Objective((self.goal(tolerance),)), Context(Scene.empty(), DEFAULT_BODY), solver)
+        return ObjectiveGuide(Objective((self.goal(tolerance),)), Context(Scene.empty(FLOOR), DEFAULT_BODY), solver)
 
     def generate(self, generator: Generator, guide: Guide | None) -> Generation:
         """One motion by the recording's caption."""

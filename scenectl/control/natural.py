@@ -49,7 +49,7 @@ STRICT, LENIENT, HOPEFUL = Leniency(1.0, 1.0), Leniency(3.0, 2.0), Leniency(4.0,
 _LED = 0.2
 """Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
 before, and letting go of what is far off would let go of the way: such goals are left to the solver."""
-_STANDING, _STILL = 0.05, 0.02
+_STANDING, _STILL = 0.07, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
 _HELD = 0.05
 """Metres beyond which a target pulls no harder."""
