@@ -102,7 +102,9 @@ def _cases(
         for density in densities:
             for i in torch.randperm(len(usable), generator=draw)[:clips].tolist():
                 asked = Keyframes.drawn(usable[i], joint, DENSITIES[density], draw, seed + i)
-                yield _between_pillars(asked, density) if scene == "pillars" else Case(asked, density, Scene.empty(FLOOR))
+                yield (
+                    _between_pillars(asked, density) if scene == "pillars" else Case(asked, density, Scene.empty(FLOOR))
+                )
 
 
 def _between_pillars(asked: Keyframes, density: str) -> Case:

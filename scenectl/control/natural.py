@@ -44,7 +44,7 @@ class Leniency(NamedTuple):
     feet: float
 
 
-STRICT, LENIENT, HOPEFUL = Leniency(1.0, 1.0), Leniency(3.0, 2.0), Leniency(4.0, 10.0)
+STRICT, LENIENT, HOPEFUL = Leniency(1.0, 1.0), Leniency(3.0, 1.0), Leniency(4.0, 10.0)
 """What a body bears; what for goals that are met; and from where a body may still be talked into meeting them."""
 _LED = 0.2
 """Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
@@ -65,6 +65,8 @@ _BODY = (
     Term("smoothness", weight=20.0),
     Term("foot_skating", weight=3.0),
 )
+_FIRM_BODY = (*_BODY[:-1], replace(_BODY[-1], weight=10.0))
+"""Where goals pull the harder, feet are kept from sliding the harder."""
 _FOOT, _FIRM_FOOT = 2e3, 4e3
 """Cost per squared metre by which a standing foot is lifted, each frame; and where goals pull the harder."""
 
@@ -98,7 +100,7 @@ class Natural:
         """The same with goals that pull the harder, and feet that hold on the harder."""
         other = copy(self)
         pulling = (replace(t, weight=_INSISTENCE * t.weight) if t.spec.pulls else t for t in self._goals.counted)
-        other.objective, other._foot = Objective((*pulling, *_BODY)), _FIRM_FOOT
+        other.objective, other._foot = Objective((*pulling, *_FIRM_BODY)), _FIRM_FOOT
         return other
 
     def in_reach(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:

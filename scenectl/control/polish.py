@@ -24,7 +24,7 @@ from scenes.skeleton import Skeleton
 
 REACH = 0.01
 """Metres from their targets at which searches through a decoder end, and polishing begins."""
-_FURTHEST, _STRETCH = 2 * REACH, 0.5 * REACH
+_FURTHEST, _STRETCH = 3 * REACH, 0.5 * REACH
 """Metres by which a joint may be moved, and by which the bones of a frame may be further from their lengths for it."""
 _ITERATIONS = 20
 _SECONDS, _BONES = 0.15, 3.0
