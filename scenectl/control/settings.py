@@ -36,8 +36,8 @@ class SolverSettings(BaseModel):
         progress: relative decrease of the cost that counts as progress.
         enough: samples of a batch that meet all goals after which the others are abandoned; by default none is. Set it
             to 1 where only the best of several samples is wanted.
-        lead: steps at most, at first, in which only goals that pull (targets, paths) are heeded until they are met, where
-            there are others too: walls that count from the start can hold a body on their wrong side.
+        lead: steps at most, at first, in which only goals that pull (targets, paths) are heeded until they are met,
+            where there are others too: walls that count from the start can hold a body on their wrong side.
         natural: where goals could be met only by stretching bones or lifting feet that stood, refine once more with
             pulls that don't grow with distance and a cost on both (`scenectl.control.natural`).
         polish: leave the last centimetre of targets to a smooth move of joints, which needs no decoder
