@@ -1,7 +1,7 @@
 """What is wanted: goal functions, and how they compose into an objective. Imports `scenes` only."""
 
 from objectives import library
-from objectives.context import BodyLike, Context, SceneLike
+from objectives.context import BodyLike, Context, Grounded, SceneLike
 from objectives.diagnosis import diagnosis
 from objectives.kernels import Kernel, Reduction
 from objectives.objective import Objective
@@ -21,6 +21,7 @@ __all__ = [
     "File",
     "FloorPoint",
     "GoalSpec",
+    "Grounded",
     "Kernel",
     "Line",
     "Masked",

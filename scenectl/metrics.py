@@ -153,6 +153,11 @@ class Scorer:
             np.where(real, obstacles.reshape(frames, count).min(axis=1), np.inf),
         )
 
+    @property
+    def standing(self) -> float:
+        """Height (m) of the lowest foot joint of a standing person."""
+        return self.scene.floor.height + self.body.sole_offset
+
     def part(self, sample: int) -> str:
         """Name of the body part that a sample of `Depths.part` belongs to."""
         return self._parts[sample]
@@ -245,7 +250,7 @@ def measure(motion: Motion, scorer: Scorer) -> dict[str, float | str | None]:
             (np.maximum(depths.obstacles, depths.floor)[real] > SHALLOW).mean() if real.any() else 0.0
         ),
         "lowest_sole_m": float(lowest_sole(motion, floor, body)),
-        "skating_ratio": float(skating_ratio(motion, floor + body.sole_offset)),
+        "skating_ratio": float(skating_ratio(motion, scorer.standing)),
         "max_acceleration_m_per_frame2": float(max_acceleration(motion)),
         "bone_length_drift_m": float(bone_length_drift(motion)),
         "path_length_m": float(path_length(motion)),

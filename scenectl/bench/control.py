@@ -98,13 +98,16 @@ def _cases(
 ) -> Iterator[Case]:
     usable = usable_clips(data)
     draw = torch.Generator().manual_seed(seed)
+    place = _between_pillars if scene == "pillars" else _on_floor
     for joint in joints:
         for density in densities:
             for i in torch.randperm(len(usable), generator=draw)[:clips].tolist():
                 asked = Keyframes.drawn(usable[i], joint, DENSITIES[density], draw, seed + i)
-                yield (
-                    _between_pillars(asked, density) if scene == "pillars" else Case(asked, density, Scene.empty(FLOOR))
-                )
+                yield place(asked, density)
+
+
+def _on_floor(asked: Keyframes, density: str) -> Case:
+    return Case(asked, density, Scene.empty(FLOOR))
 
 
 def _between_pillars(asked: Keyframes, density: str) -> Case:

@@ -14,23 +14,20 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from objectives import Context, Objective, Term, diagnosis
-from scenectl.bench.keyframes import FLOOR, usable_clips
+from objectives import Objective, Term, diagnosis
+from scenectl.bench.keyframes import ON_FLOOR, usable_clips
 from scenectl.control import ObjectiveGuide, SolverSettings
 from scenectl.control.natural import LIFT, STRETCH, Natural, bone_errors
 from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generator, Progress
 from scenectl.metrics import max_acceleration
 from scenectl.models.schedule import MAX_FRAMES
-from scenes.body import DEFAULT_BODY
 from scenes.motion import Motion, Pose2D
-from scenes.scene import Scene
 
 KINDS = ("too high", "under the floor", "too far", "torn apart", "noisy")
 NOISE = 0.15
 """Standard deviation (m) of every coordinate of noisy targets."""
 TOLERANCE = 0.01
-_CONTEXT = Context(Scene.empty(FLOOR), DEFAULT_BODY)
 
 
 @dataclass(frozen=True)
@@ -116,13 +113,13 @@ def _case(generator: Generator, kind: str, prompt: str, real: Motion, ask: _Ask,
     free = make(None).motion
     rows = []
     for way, settings in (("natural", SolverSettings()), ("goals alone", SolverSettings(natural=False))):
-        guide = ObjectiveGuide(objective, _CONTEXT, settings)
+        guide = ObjectiveGuide(objective, ON_FLOOR, settings)
         began = time.perf_counter()
         made = make(guide)
         seconds = time.perf_counter() - began
         assert made.unrefined is not None and guide.solution is not None
-        natural = Natural(objective, made.unrefined, _CONTEXT)
-        sentence = diagnosis(objective, made.motion[0], _CONTEXT) or ""
+        natural = Natural(objective, made.unrefined, ON_FLOOR)
+        sentence = diagnosis(objective, made.motion[0], ON_FLOOR) or ""
         rows.append({
             "kind": kind,
             "way": way,

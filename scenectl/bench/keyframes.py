@@ -33,7 +33,9 @@ FAILED = 0.5
 """A keyframe missed by more than this (m) counts as a location error."""
 SHORTEST = 64
 FLOOR = -DEFAULT_BODY.sole_offset
-"""Height (m) of the floor: a recording's lowest foot joint is at 0."""
+"""Height (m) of the floor in HumanML3D's frame: the lowest foot joint is at 0, and soles are below it."""
+ON_FLOOR = Context(Scene.empty(FLOOR), DEFAULT_BODY)
+"""The body on that floor, and nothing else."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,15 @@ class Keyframes:
         target = {"joint": self.joint, "position": self.wanted.tolist()}
         return Term("joint_target", target, tolerance=tolerance, at=[frame / FPS for frame in self.at.tolist()])
 
-    def guide(self, solver: SolverSettings, tolerance: float = 0.002) -> ObjectiveGuide:
-        """To the keyframes on an empty floor."""
-        return ObjectiveGuide(Objective((self.goal(tolerance),)), Context(Scene.empty(FLOOR), DEFAULT_BODY), solver)
+    def guide(
+        self,
+        solver: SolverSettings,
+        tolerance: float = 0.002,
+        context: Context = ON_FLOOR,
+        besides: tuple[Term, ...] = (),
+    ) -> ObjectiveGuide:
+        """To the keyframes, and to what is asked for besides."""
+        return ObjectiveGuide(Objective((self.goal(tolerance), *besides)), context, solver)
 
     def generate(self, generator: Generator, guide: Guide | None) -> Generation:
         """One motion by the recording's caption."""

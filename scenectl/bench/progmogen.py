@@ -22,15 +22,14 @@ from typing import Any
 
 import torch
 
-from objectives import Context, Objective, Term
+from objectives import Objective, Term
+from scenectl.bench.keyframes import ON_FLOOR
 from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
 from scenectl.data.progmogen import FPS, HeadHeights, ProgMoGenPrompts, Prompt, load_progmogen
 from scenectl.generators.base import Generator, Progress
 from scenectl.metrics import FEET, max_acceleration, skating_ratio
-from scenes.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.motion import Motion, Pose2D
-from scenes.scene import Scene
 
 TASKS = ("hsi1", "hsi2", "hsi3")
 COUNTS: Mapping[str, int] = {"hsi1": 64, "hsi2": 32, "hsi3": 32}
@@ -167,18 +166,13 @@ def _expression(case: Case, motion: Motion) -> float:
     """The published expression of HSI-2 or HSI-3, whatever scale the goal has for control."""
     reduction = "mean" if case.task == "hsi3" else "sum"
     term = Term(_GOALS[case.task], case.parameters, kernel="linear", reduction=reduction)
-    return float(term.cost(motion, _context())) / term.spec.scale
+    return float(term.cost(motion, ON_FLOOR)) / term.spec.scale
 
 
 def _height_errors(case: Case, motion: Motion) -> list[float]:
     """Absolute errors (m) at the first, middle and last frame."""
-    found = Term(_GOALS[case.task], case.parameters).evaluate(motion, _context())
+    found = Term(_GOALS[case.task], case.parameters).evaluate(motion, ON_FLOOR)
     return [float(error) for error in found.square.sqrt().sum(0)]
-
-
-def _context() -> Context:
-    """An empty floor under HumanML3D's frame: the soles stand below the joints."""
-    return Context(Scene.empty(floor=-DEFAULT_BODY.sole_offset), DEFAULT_BODY)
 
 
 @dataclass(frozen=True)
@@ -192,7 +186,7 @@ class _Setup:
 
     def make(self, case: Case, control: bool) -> dict[str, Any]:
         """One motion, its figures and the seconds it took."""
-        guide = ObjectiveGuide(case.objective(), _context(), self.solver, self.guidance) if control else None
+        guide = ObjectiveGuide(case.objective(), ON_FLOOR, self.solver, self.guidance) if control else None
         began = time.perf_counter()
         # The same seed with and without control: the two differ by control alone.
         made = self.generator.generate(

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from objectives import Context, Objective, Term
+from objectives import Context, Term
 from scenectl.bench.keyframes import Keyframes
 from scenectl.control import ObjectiveGuide, SolverSettings
 from scenectl.generators.base import Generation, Guide, Progress, Step
@@ -49,8 +49,7 @@ class Case:
 
     def guide(self, solver: SolverSettings, tolerance: float = TOLERANCE) -> ObjectiveGuide:
         """Towards the keyframes, met within a tolerance (m); 0 is never met."""
-        objective = Objective((self.keyframes.goal(tolerance), *self.goals))
-        return ObjectiveGuide(objective, Context(self.scene, DEFAULT_BODY), solver)
+        return self.keyframes.guide(solver, tolerance, Context(self.scene, DEFAULT_BODY), self.goals)
 
 
 class Remembered:

@@ -63,11 +63,6 @@ class Room:
     prompt: str
     rejected: Counter[str]
 
-    @property
-    def ground(self) -> float:
-        """Height (m) of the lowest foot joint of a standing person."""
-        return self.scene.floor.height + self.scorer.body.sole_offset
-
 
 def bench_rooms(
     generator: Generator,
@@ -176,7 +171,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "quick": seconds <= QUICK,
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
         **figures,
-        "uncontrolled_skating_ratio": float(skating_ratio(free, room.ground)),
+        "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
         "seconds": seconds,
     }

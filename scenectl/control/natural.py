@@ -59,14 +59,13 @@ _NEAR, _INSISTENCE = 0.15, 20.0
 """Metres from targets at which a body's costs may only be holding it up, and by how much more targets count then."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
-_BODY = (
+_POSE = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
     Term("smoothness", weight=20.0),
-    Term("foot_skating", weight=3.0),
 )
-_FIRM_BODY = (*_BODY[:-1], replace(_BODY[-1], weight=10.0))
-"""Where goals pull the harder, feet are kept from sliding the harder."""
+_BODY, _FIRM_BODY = ((*_POSE, Term("foot_skating", weight=weight)) for weight in (3.0, 10.0))
+"""What a body minds; where goals pull the harder, feet are kept from sliding the harder."""
 _FOOT, _FIRM_FOOT = 2e3, 4e3
 """Cost per squared metre by which a standing foot is lifted, each frame; and where goals pull the harder."""
 

@@ -83,7 +83,7 @@ class Refinement:
         """Solve anew for samples whose body was strained, minding it (`scenectl.control.natural`)."""
         natural, after = Natural(self._goals, step.motion, self._context), self._motion(step, self.solution)
         gone = torch.tensor([reason == "abandoned" for reason in self.solution.reasons])
-        # What is met, or nearly, stays so for all that a foot is a little higher or a bone a little longer.
+        # What is met, or nearly, stays so for all that a bone is a little longer.
         goals_met = self._goals.met(after, self._context)
         solved = goals_met | (self._cost(after) <= body.SOLVED * self._cost(step.motion))
         worse = torch.where(solved, natural.strained(after, body.LENIENT), natural.strained(after))
