@@ -103,7 +103,7 @@ class ControlMM(MSCoT):
     def _tilted(self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide) -> Tensor:
         codes = self.quantiser.codes(k)
         logits = prior.detach().clone().requires_grad_(True)
-        step = self._step(state, prior.exp() @ codes, lambda e: [*state.refined, e])
+        step = self._scale_step(state, prior.exp() @ codes, k)
         optimiser = torch.optim.AdamW([logits], lr=RATE)
         with torch.enable_grad():
             for _ in range(LOGIT_STEPS):
@@ -112,21 +112,21 @@ class ControlMM(MSCoT):
                 optimiser.step()
         return logits.detach().log_softmax(-1)
 
-    def _refine(self, state: _State, guide: Guide) -> list[Tensor]:
-        lengths = [e.shape[1] for e in state.refined]
-        value = torch.cat(state.refined, dim=1)
-        step = self._step(state, value, lambda v: list(v.split(lengths, dim=1)))
-        moved = value.detach().clone().requires_grad_(True)
-        optimiser = torch.optim.AdamW([moved], lr=RATE)
+
+class _OnEmbeddings(_Timed):
+    """A guide whose refinement is ControlMM's: AdamW, so many iterations."""
+
+    def refine(self, step: Step) -> Tensor:
+        value = step.value.detach().clone().requires_grad_(True)
+        optimiser = torch.optim.AdamW([value], lr=RATE)
         began = time.perf_counter()
         with torch.enable_grad():
             for _ in range(EMBEDDING_STEPS):
                 optimiser.zero_grad()
-                (-guide.log_prob(step.at(moved)).sum()).backward()
+                (-self.guide.log_prob(step.at(value)).sum()).backward()
                 optimiser.step()
-        if isinstance(guide, _Timed):
-            guide.seconds = time.perf_counter() - began
-        return list(moved.detach().split(lengths, dim=1))
+        self.seconds = time.perf_counter() - began
+        return value.detach()
 
 
 Way = Callable[[Case], tuple[Generation, float, int]]
@@ -172,7 +172,7 @@ def ways(generator: MSCoT, cases: Sequence[Case], methods: Sequence[str], tell: 
         return solved(SolverSettings.model_validate({"name": name, "natural": False, "polish": False, **steps}))
 
     def controlmm(case: Case) -> tuple[Generation, float, int]:
-        timed = _Timed(case.guide(SolverSettings(polish=False), 0.0))
+        timed = _OnEmbeddings(case.guide(SolverSettings(), 0.0))
         made = case.keyframes.generate(rival, timed)
         return made, timed.seconds, scales * LOGIT_STEPS + EMBEDDING_STEPS
 

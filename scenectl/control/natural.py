@@ -7,9 +7,9 @@ a strained body depends on how far from the goals a body stays:
   skating, feet that stood held down, and goals that pull harder; then with the goals alone, if a body bears it.
 - Otherwise refinement begins again from the generator's own value, with the same costs and goals that pull (targets)
   pulling no harder however far they are (Huber). Where that ends near all targets, as above.
-- From elsewhere what is hopeless is let go of, still with the body's costs (Geman and McClure's kernel, whose pull
-  fades with distance). At last the goals alone are solved for, with all targets, or else without those that are still
-  far off, whichever a body bears.
+- From elsewhere what is hopeless is let go of (Geman and McClure's kernel, whose pull fades with distance), while what
+  is near pulls the harder, still with the body's costs. At last the goals alone are solved for, with all targets, or
+  else without those that are still far off, whichever a body bears.
 """
 
 from __future__ import annotations
@@ -90,10 +90,10 @@ class Natural:
         self._led = any(t.spec.pulls and _share(t, before, context) >= _LED for t in objective.counted)
 
     def letting_go(self) -> Natural:
-        """The same with goals that pull less and less where they are further off than `FAR`."""
+        """Insisting, but with goals that pull less and less where they are further off than `FAR`."""
         other = copy(self)
-        other.objective = self._with_body("geman_mcclure", FAR)
-        return other
+        other._goals = Objective(_with_kernel(self._goals, "geman_mcclure", FAR))
+        return other.insisting()
 
     def insisting(self) -> Natural:
         """The same with goals that pull the harder, and feet that hold on the harder."""

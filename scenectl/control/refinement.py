@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -19,6 +20,9 @@ from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers import minimise
 from scenectl.generators.base import Step
 from scenes.motion import Motion
+
+_REMEMBERED = 2
+"""Steps: a search's best and its last trial are asked for again."""
 
 
 class Refinement:
@@ -49,7 +53,7 @@ class Refinement:
         """
         self._objective, self._context, self._solver, self._tell = objective, context, solver, tell
         self._goals = loosened(objective) if solver.polish else objective
-        self._decoded: tuple[Tensor, Motion] | None = None
+        self._recent: deque[Step] = deque(maxlen=_REMEMBERED)
         self.moves: Float[Tensor, "S T J 3"] | None = None
         self.solution = self._searched(step)
         if solver.natural:
@@ -175,10 +179,16 @@ class Refinement:
         return self._objective.met(moved, self._context)
 
     def _motion(self, step: Step, found: Solution) -> Motion:
-        """The motion of what was found; the last one asked for is remembered, as it costs a pass."""
-        if self._decoded is None or self._decoded[0] is not found.value:
-            self._decoded = found.value, step.at(found.value.view_as(step.value)).motion
-        return self._decoded[1]
+        """The motion of what was found."""
+        return self._at(step, found.value.view_as(step.value)).motion
+
+    def _at(self, step: Step, value: Float[Tensor, "S *v"]) -> Step:
+        """The step at a value; the last ones are remembered, as each costs a pass."""
+        for known in (step, *self._recent):
+            if type(known) is type(step) and torch.equal(known.value, value):
+                return known
+        self._recent.append(step.at(value))
+        return self._recent[-1]
 
     @torch.no_grad()
     def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
@@ -200,7 +210,7 @@ class Refinement:
 
         def linearise(x: Tensor) -> Residuals:
             self._tell()
-            return Residuals(goals, self._context, step.at(value(x)))
+            return Residuals(goals, self._context, self._at(step, value(x)))
 
         def done(x: Tensor) -> Tensor:
             with torch.no_grad():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -73,6 +74,7 @@ class _State:
             other along the second axis of all that follows.
         codes: embeddings of the tokens drawn so far, by scale, ``[S, W * L_k, d]``.
         refined: the same with the refiner's residuals.
+        latent: of what is refined, a row for each window, ``[S * W, d, L]``; None before the first scale.
         moved: nats by which goals moved each scale's distribution, mean KL a position.
         kept: what an edit keeps of a motion.
     """
@@ -84,6 +86,7 @@ class _State:
     refined: list[Tensor]
     moved: list[float]
     kept: Kept | None = None
+    latent: Tensor | None = None
 
     @property
     def finest(self) -> int:
@@ -190,13 +193,16 @@ class MSCoT:
     ) -> Generation:
         """Algorithm 3."""
         self._draw_tokens(state, self._text(prompt, samples * state.windows.count), guide, draw, progress)
-        motion = self._decode(state, state.refined)
         trace: dict[str, object] = {"tilt_kl_nats": state.moved, "frames": state.frames}
         if guide is None:
-            return Generation(motion, None, trace)
-        refined = self._refine(state, guide)
-        trace |= self._latent_move(state, refined)
-        return guide.finish(Generation(self._decode(state, refined), motion, trace))
+            return Generation(self._decode(state, state.refined), None, trace)
+        drawn, latent = self._refinable(state)
+        found = guide.refine(drawn)
+        trace["refinement_moved_latent"] = _moved(latent(drawn.value), latent(found))
+        if torch.equal(found, drawn.value):  # to the last bit what it would be without a guide
+            motion = self._decode(state, state.refined)
+            return guide.finish(Generation(motion, motion, trace))
+        return guide.finish(Generation(drawn.at(found).motion, drawn.motion, trace))
 
     def _frames(self, prompt: str, seconds: float, samples: int) -> int:
         shortest = MIN_FRAMES / FPS
@@ -229,6 +235,7 @@ class MSCoT:
             with torch.no_grad():
                 residual = self.bundle.refiner(state.windows.rows(codes), k, state.finest)
                 state.refined.append(codes + state.windows.series(residual))
+                state.latent = self._onto(state, state.refined[k], k)
 
     def _tokens(
         self, state: _State, logits: Float[Tensor, "S M V"], k: int, draw: torch.Generator
@@ -261,7 +268,7 @@ class MSCoT:
         """First-order posterior of scale k (Eq. 9 to 11)."""
         codes = self.quantiser.codes(k)
         mean = prior.exp() @ codes
-        step = self._step(state, mean, lambda e: [*state.refined, e])
+        step = self._scale_step(state, mean, k)
         first_order = guide.gradient(step) @ codes.T
         nats = self.sampling.clip_at(k, self.quantiser.scales, len(prior)).to(prior)
         if self.observer is not None:
@@ -279,35 +286,43 @@ class MSCoT:
         motion = Motion(features_to_joints(features[:, : state.frames]), fps=FPS)
         return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
 
-    def _step(self, state: _State, value: Tensor, embeddings: Callable[[Tensor], list[Tensor]]) -> Step:
-        """A step whose value holds the embeddings of some scales."""
-        return LatentStep(
-            value, self.bundle.tokenizer, lambda v: self._latent(state, embeddings(v)),
-            lambda features: self._placed(state, features), self._rough,
-        )  # fmt: skip
+    def _step(self, state: _State, value: Tensor, latent: Callable[[Tensor], Tensor]) -> Step:
+        """A step whose value leads to the latent of the whole motion."""
+        place = partial(self._placed, state)
+        return LatentStep(value, self.bundle.tokenizer, latent, place, self._rough)
+
+    def _scale_step(self, state: _State, value: Float[Tensor, "S M d"], k: int) -> Step:
+        """A step whose value holds the embeddings of scale k, the next one."""
+        now = replace(state)  # however far the drawing goes on
+        return self._step(state, value, lambda e: now.windows.join(self._onto(now, e, k)))
+
+    def _onto(self, state: _State, e: Float[Tensor, "S M d"], k: int) -> Float[Tensor, "R d L"]:
+        """Latent of every window with the embeddings of scale k, the next one, on top of what is refined."""
+        own = self.quantiser.up(k, state.windows.rows(e), state.finest)
+        return own if state.latent is None else state.latent + own
 
     def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _M d"]]) -> Float[Tensor, "S d N"]:
         """Latent of the whole motion, for as many scales as there are."""
         windows = state.windows
         return windows.join(self.quantiser.latent([windows.rows(e) for e in embeddings], state.finest))
 
-    def _refine(self, state: _State, guide: Guide) -> list[Float[Tensor, "S _L_k d"]]:
-        """Continuous refinement of all scales' residuals at once (Eq. 12), in the metric of the decoder."""
+    def _refinable(self, state: _State) -> tuple[Step, Callable[[Tensor], Tensor]]:
+        """Continuous residuals of all scales at once (Eq. 12), in the metric of the decoder, and their latent."""
         lengths, metric = [e.shape[1] for e in state.refined], self.bundle.metric
         value = torch.cat(state.refined if metric is None else metric.coordinates(state.refined), dim=1)
 
-        def embeddings(value: Float[Tensor, "S M d"]) -> list[Tensor]:
+        def latent(value: Float[Tensor, "S M d"]) -> Tensor:
             parts = list(value.split(lengths, dim=1))
-            return parts if metric is None else metric.embeddings(parts)
+            return self._latent(state, parts if metric is None else metric.embeddings(parts))
 
-        found = guide.refine(self._step(state, value, embeddings))
-        return state.refined if torch.equal(found, value) else embeddings(found)
+        return self._step(state, value, latent), latent
 
-    def _latent_move(self, state: _State, refined: list[Tensor]) -> dict[str, object]:
-        """How far refinement moved the latent, relative to its size: small where guidance did its work."""
-        before, after = (self._latent(state, e) for e in (state.refined, refined))
-        moved = (after - before).flatten(1).norm(dim=1) / before.flatten(1).norm(dim=1)
-        return {"refinement_moved_latent": moved.tolist()}
+
+@torch.no_grad()
+def _moved(before: Float[Tensor, "S d N"], after: Float[Tensor, "S d N"]) -> list[float]:
+    """How far refinement moved each latent, relative to its size: small where guidance did its work."""
+    found: list[float] = ((after - before).flatten(1).norm(dim=1) / before.flatten(1).norm(dim=1)).tolist()
+    return found
 
 
 def clipped(tilt: Float[Tensor, "*b V"], nats: float | Tensor) -> Float[Tensor, "*b V"]:

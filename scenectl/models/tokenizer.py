@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import cache
+from typing import Literal, cast
 
 import torch
 import torch.nn.functional as F
@@ -184,10 +185,13 @@ class Quantiser(nn.Module):
         x = e.transpose(1, 2)
         if x.shape[-1] != finest:
             x = F.interpolate(x, size=finest, mode="linear", align_corners=False)
-        conv = self.convs[round(k / max(self.scales - 1, 1) * (len(self.convs) - 1))]
         # Half the signal skips the convolution, so that an untrained one does no harm (as in VAR).
-        smooth: Tensor = conv(x)
+        smooth: Tensor = self._conv(k)(x)
         return 0.5 * x + 0.5 * smooth
+
+    def _conv(self, k: int) -> nn.Conv1d:
+        """Of scale k; neighbours share one where there are fewer than scales."""
+        return cast(nn.Conv1d, self.convs[round(k / max(self.scales - 1, 1) * (len(self.convs) - 1))])
 
     def nearest(self, k: int, u: Float[Tensor, "B d l"]) -> Int[Tensor, "B l"]:
         """Index of the nearest code at each position (Eq. 34)."""
@@ -197,11 +201,19 @@ class Quantiser(nn.Module):
         return (codes.square().sum(-1) - 2 * flat @ codes.T).argmin(-1)
 
     def latent(self, embeddings: list[Float[Tensor, "B _L_k d"]], finest: int) -> Float[Tensor, "B d L"]:
-        """Sum of the scales' contributions (algorithm 2), for as many scales as are given."""
-        total = self.up(0, embeddings[0], finest)
-        for k, e in enumerate(embeddings[1:], start=1):
-            total = total + self.up(k, e, finest)
-        return total
+        """Sum of the scales' contributions (algorithm 2), for as many scales as are given.
+
+        All are linear, so that one product and one convolution do the work of `up` for every scale.
+        """
+        scales = range(len(embeddings))
+        convs = list(dict.fromkeys(self._conv(k) for k in scales))
+        spread = [_spread(e.shape[1], finest, convs.index(self._conv(k)), len(convs)) for k, e in enumerate(embeddings)]
+        x = torch.cat(embeddings, dim=1).transpose(1, 2)
+        x = (x @ torch.cat(spread).to(x)).unflatten(-1, (len(convs), finest))
+        weight = torch.cat([conv.weight for conv in convs], dim=1)
+        bias = torch.stack([cast(Tensor, self._conv(k).bias) for k in scales]).sum(0)
+        smooth = F.conv1d(x.transpose(1, 2).flatten(1, 2), weight, bias, padding=1)
+        return 0.5 * x.sum(2) + 0.5 * smooth
 
     def encode(self, f: Float[Tensor, "B d L"]) -> list[Int[Tensor, "B _L_k"]]:
         """Tokens of every scale (algorithm 1)."""
@@ -302,6 +314,13 @@ class Quantiser(nn.Module):
         self.codebook.copy_(F.normalize(picks, dim=-1) if self.config.normalised else picks)
         self.sums.copy_(self.codebook)
         self.usage.fill_(1.0)
+
+
+@cache
+def _spread(length: int, finest: int, part: int, parts: int) -> Float[Tensor, "l n"]:
+    """Matrix that brings a scale to the finest (as `Quantiser.up` does), in one of so many parts side by side."""
+    up = F.interpolate(torch.eye(length, dtype=torch.float64)[None], size=finest, mode="linear", align_corners=False)[0]
+    return F.pad(up, (part * finest, (parts - 1 - part) * finest))
 
 
 class Tokenizer(nn.Module):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import cast
 
 import torch
 import torch.nn.functional as F
@@ -17,10 +18,18 @@ from scenectl.text import TextFeatures
 
 @dataclass
 class Cache:
-    """Keys and values of the scales already predicted, one pair a layer, ``[B, H, tokens, C]``."""
+    """What the scales already predicted leave to the next.
+
+    Attributes:
+        keys, values: theirs, one of each a layer, ``[B, H, tokens, C]``.
+        words: keys and values of the text, one pair a layer; empty before the first scale.
+        latent: of their embeddings, ``[B, d, finest]``; None before the second scale.
+    """
 
     keys: list[Tensor] = field(default_factory=list)
     values: list[Tensor] = field(default_factory=list)
+    words: list[tuple[Tensor, Tensor]] = field(default_factory=list)
+    latent: Tensor | None = None
 
 
 class Attention(nn.Module):
@@ -63,16 +72,19 @@ class Block(nn.Module):
             nn.init.normal_(out.weight, std=0.02 / math.sqrt(2 * config.layers))
 
     def forward(
-        self, x: Tensor, words: Tensor, word_mask: Tensor, mask: Tensor | None, past: tuple[Tensor, Tensor] | None
+        self,
+        x: Tensor,
+        words: tuple[Tensor, Tensor],
+        word_mask: Tensor,
+        mask: Tensor | None,
+        past: tuple[Tensor, Tensor] | None,
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
         h = self.norm_self(x)
         key, value = self.self_attention.project(h)
         if past is not None:
             key, value = torch.cat([past[0], key], dim=2), torch.cat([past[1], value], dim=2)
         x = x + self.dropout(self.self_attention.attend(h, key, value, mask))
-        x = x + self.dropout(
-            self.cross_attention.attend(self.norm_cross(x), *self.cross_attention.project(words), word_mask)
-        )
+        x = x + self.dropout(self.cross_attention.attend(self.norm_cross(x), *words, word_mask))
         return x + self.dropout(self.feed(self.norm_feed(x))), (key, value)
 
 
@@ -112,24 +124,34 @@ class ScaleTransformer(nn.Module):
         embeddings: list[Float[Tensor, "B _L_k d"]],
         k: int,
         finest: int,
+        cache: Cache | None = None,
     ) -> Float[Tensor, "B L_k C"]:
         """Input tokens of scale k: the text for the first, what came before for the others."""
         length = quantiser.lengths(finest)[k]
         if k == 0:
             x = self.sentence(prompt.sentence)[:, None].expand(-1, length, -1)
         else:
-            x = self.code(self._prefix(quantiser, embeddings[:k], length, finest))
+            x = self.code(self._prefix(quantiser, embeddings[:k], length, finest, cache))
         device, width = x.device, self.config.width
         at = (torch.arange(length, device=device) + 0.5) * (finest / length)
         duration = self.duration(sinusoids(torch.tensor([float(finest)], device=device), width))
         out: Tensor = x + self.scale[k] + sinusoids(at, width) + duration
         return out
 
-    def _prefix(self, quantiser: Quantiser, embeddings: list[Tensor], length: int, finest: int) -> Tensor:
+    def _prefix(
+        self, quantiser: Quantiser, embeddings: list[Tensor], length: int, finest: int, cache: Cache | None
+    ) -> Tensor:
         if self.config.prefix == "cumulative":
-            return quantiser.down(quantiser.latent(embeddings, finest), length).transpose(1, 2)
-        last = embeddings[-1].transpose(1, 2)
-        return F.interpolate(last, size=length, mode="linear", align_corners=False).transpose(1, 2)
+            if cache is None or cache.latent is None:
+                latent = quantiser.latent(embeddings, finest)
+            else:
+                last = len(embeddings) - 1
+                latent = cache.latent + quantiser.up(last, embeddings[last], finest)
+            if cache is not None:
+                cache.latent = latent
+            return quantiser.down(latent, length).transpose(1, 2)
+        newest = embeddings[-1].transpose(1, 2)
+        return F.interpolate(newest, size=length, mode="linear", align_corners=False).transpose(1, 2)
 
     def forward(
         self, quantiser: Quantiser, prompt: TextFeatures, tokens: list[Int[Tensor, "B _L_k"]], finest: int
@@ -155,21 +177,31 @@ class ScaleTransformer(nn.Module):
         With a cache, only scale k is computed and the cache grows; without one, all scales up to k are.
         """
         if cache is not None:
-            return self._run(self.inputs(quantiser, prompt, embeddings, k, finest), prompt, None, cache)
+            return self._run(self.inputs(quantiser, prompt, embeddings, k, finest, cache), prompt, None, cache)
         lengths = quantiser.lengths(finest)[: k + 1]
         x = torch.cat([self.inputs(quantiser, prompt, embeddings, i, finest) for i in range(k + 1)], dim=1)
         scale = torch.repeat_interleave(torch.arange(k + 1), torch.tensor(lengths)).to(x.device)
         return self._run(x, prompt, scale[:, None] >= scale[None, :], None)[:, -lengths[-1] :]
 
     def _run(self, x: Tensor, prompt: TextFeatures, mask: Tensor | None, cache: Cache | None) -> Tensor:
-        words, word_mask = self.words(prompt.words), prompt.mask[:, None, None, :]
+        words, word_mask = self._words(prompt, cache), prompt.mask[:, None, None, :]
         for i, block in enumerate(self.blocks):
             past = (cache.keys[i], cache.values[i]) if cache is not None and len(cache.keys) > i else None
-            x, (key, value) = block(x, words, word_mask, mask, past)
+            x, (key, value) = block(x, words[i], word_mask, mask, past)
             if cache is not None:
                 cache.keys[i : i + 1], cache.values[i : i + 1] = [key], [value]
         out: Tensor = self.head(self.norm(x))
         return out
+
+    def _words(self, prompt: TextFeatures, cache: Cache | None) -> list[tuple[Tensor, Tensor]]:
+        """Keys and values of the text for every layer."""
+        if cache is not None and cache.words:
+            return cache.words
+        words = self.words(prompt.words)
+        found = [cast(Block, block).cross_attention.project(words) for block in self.blocks]
+        if cache is not None:
+            cache.words = found
+        return found
 
 
 def sinusoids(at: Float[Tensor, " N"], width: int) -> Float[Tensor, "N C"]:

@@ -39,7 +39,7 @@ def pair() -> tuple[LatentStep, DecodedStep]:
     def embeddings(v: Tensor) -> list[Tensor]:
         return list(v.split(lengths, dim=1))
 
-    step = generator._step(state, value, embeddings)
+    step = generator._step(state, value, lambda v: generator._latent(state, embeddings(v)))
     assert isinstance(step, LatentStep)
     return step, DecodedStep(value, lambda v: generator._decode(state, embeddings(v)))
 

@@ -49,11 +49,13 @@ class Linear(MSCoT):
         self.map = 0.02 * torch.randn(16 * FINEST, FRAMES * 66, generator=draw, dtype=torch.float64)
 
     def _decode(self, state: _State, embeddings: list[Tensor]) -> Motion:
-        latent = self.quantiser.latent(embeddings, state.finest).flatten(1)
-        return Motion((latent @ self.map).unflatten(1, (FRAMES, 22, 3)))
+        return self._moved(self.quantiser.latent(embeddings, state.finest))
 
-    def _step(self, state: _State, value: Tensor, embeddings: Callable[[Tensor], list[Tensor]]) -> Step:
-        return DecodedStep(value, lambda v: self._decode(state, embeddings(v)))
+    def _moved(self, latent: Tensor) -> Motion:
+        return Motion((latent.flatten(1) @ self.map).unflatten(1, (FRAMES, 22, 3)))
+
+    def _step(self, state: _State, value: Tensor, latent: Callable[[Tensor], Tensor]) -> Step:
+        return DecodedStep(value, lambda v: self._moved(latent(v)))
 
 
 def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Tensor, DecodedStep]:
@@ -61,7 +63,8 @@ def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Te
     q, draw = generator.quantiser, torch.Generator().manual_seed(k)
     lengths = q.lengths(FINEST)
     drawn = [q.lookup(i, torch.randint(16, (2, n), generator=draw)) for i, n in enumerate(lengths[:k])]
-    state = _State(FRAMES, Windows.covering(FINEST), HERE, drawn, drawn, [])
+    latent = q.latent(drawn, FINEST) if drawn else None
+    state = _State(FRAMES, Windows.covering(FINEST), HERE, drawn, drawn, [], latent=latent)
     prior = (spread * torch.randn(2, lengths[k], 16, generator=draw, dtype=torch.float64)).log_softmax(-1)
     mean = prior.exp() @ q.codes(k)
     return state, prior, DecodedStep(mean, lambda e: generator._decode(state, [*drawn, e]))
