@@ -77,6 +77,7 @@ def control_bench(
     scene: Annotated[
         list[str] | None, typer.Option(help="empty, or pillars close to the way; repeatable. Default: empty.")
     ] = None,
+    shortest: Annotated[int, typer.Option(min=64, max=196, help="Frames that clips have at least.")] = 64,
     seed: Seed = 0,
     weights: Weights = "default",
     threads: Threads = None,
@@ -90,7 +91,7 @@ def control_bench(
 
     chosen = (method or METHODS, joint or JOINTS, density or tuple(DENSITIES), scene or ("empty",))
     with bars() as tell:
-        result = bench_control(_generator(weights, threads), data, clips, *chosen, seed, tell)
+        result = bench_control(_generator(weights, threads), data, clips, *chosen, shortest, seed, tell)
     _show(
         result,
         json_file,

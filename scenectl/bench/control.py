@@ -12,9 +12,10 @@ from typing import Any
 import torch
 
 from objectives import Term
-from scenectl.bench.keyframes import DENSITIES, FAILED, FLOOR, JOINTS, Keyframes, usable_clips
+from scenectl.bench.keyframes import DENSITIES, FAILED, FLOOR, JOINTS, SHORTEST, Keyframes, usable_clips
 from scenectl.bench.rivals import METHODS, Case, Remembered, ways
 from scenectl.control.natural import bone_errors
+from scenectl.data.corpus import Clip
 from scenectl.generators.base import Progress
 from scenectl.generators.mscot import MSCoT
 from scenectl.metrics import Scorer, max_acceleration, skating_ratio
@@ -45,6 +46,7 @@ def bench_control(
     joints: Sequence[str] = JOINTS,
     densities: Sequence[str] = tuple(DENSITIES),
     scenes: Sequence[str] = ("empty",),
+    shortest: int = SHORTEST,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
@@ -53,10 +55,11 @@ def bench_control(
     Args:
         generator: whose tokens and decoder all methods share.
         data: folder of the motion collection.
-        clips: test clips of 64 frames or more for each joint and density.
+        clips: test clips for each joint and density.
         methods, joints, densities: those of `METHODS`, `JOINTS` and `DENSITIES` that shall run.
         scenes: "empty", or "pillars" that stand close to the recording's way, which touches none; there a body has to
             keep out of them besides.
+        shortest: frames that a clip has at least; with 196, all are as long as a motion can be.
         seed: of clips, frames and motions.
         progress: called with what is being done and the fraction done.
 
@@ -75,7 +78,8 @@ def bench_control(
                 raise UserError(f"unknown '{name}'{did_you_mean(name, known)}")
     tell = progress or (lambda what, done: None)
     generator = MSCoT(replace(generator.bundle, text=Remembered(generator.bundle.text)), generator.sampling)
-    cases = [case for scene in scenes for case in _cases(data, clips, joints, densities, scene, seed)]
+    usable = usable_clips(data, shortest)
+    cases = [case for scene in scenes for case in _cases(usable, clips, joints, densities, scene, seed)]
     chosen = ways(generator, cases, methods, tell)
     rows = []
     for i, case in enumerate(cases):
@@ -94,9 +98,8 @@ def bench_control(
 
 
 def _cases(
-    data: str | Path, clips: int, joints: Sequence[str], densities: Sequence[str], scene: str, seed: int
+    usable: Sequence[Clip], clips: int, joints: Sequence[str], densities: Sequence[str], scene: str, seed: int
 ) -> Iterator[Case]:
-    usable = usable_clips(data)
     draw = torch.Generator().manual_seed(seed)
     place = _between_pillars if scene == "pillars" else _on_floor
     for joint in joints:

@@ -131,11 +131,11 @@ def bench_keyframes(
     return {"summary": {"clips": len(rows), "keyframes": keyframes, **_summary(rows)}, "rows": rows}
 
 
-def usable_clips(data: str | Path) -> list[Clip]:
-    """Captioned test clips of `SHORTEST` frames or more; raises UserError where there is none."""
-    usable = [clip for clip in load_motions(data, ("test",)) if clip.frames >= SHORTEST and clip.captions]
+def usable_clips(data: str | Path, shortest: int = SHORTEST) -> list[Clip]:
+    """Captioned test clips of so many frames or more; raises UserError where there is none."""
+    usable = [clip for clip in load_motions(data, ("test",)) if clip.frames >= shortest and clip.captions]
     if not usable:
-        raise UserError(f"'{data}' has no captioned test clip of {SHORTEST} frames or more")
+        raise UserError(f"'{data}' has no captioned test clip of {shortest} frames or more")
     return usable
 
 

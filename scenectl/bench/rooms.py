@@ -173,6 +173,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
+        "uncontrolled_pace_m_per_s": _pace(free),
         "seconds": seconds,
     }
 
@@ -180,6 +181,12 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
 def _missed(motion: Motion, target: tuple[float, float]) -> float:
     end = motion.joint("pelvis")[-1, [0, 2]]
     return float((end - torch.tensor(target)).norm())
+
+
+def _pace(motion: Motion) -> float:
+    """Metres of the pelvis's way over the floor, a second."""
+    way = motion.joint("pelvis")[:, [0, 2]]
+    return float(way.diff(dim=0).norm(dim=-1).mean()) * motion.fps
 
 
 _NATURAL = tuple(
@@ -204,6 +211,7 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "deepest_floor_penetration_m": max(row["deepest_floor_penetration_m"] for row in rows),
         "mean_share_of_frames_touching": statistics.fmean(row["share_of_frames_touching"] for row in rows),
         **{key: statistics.fmean(row[key] for row in rows) for key in _NATURAL},
+        "median_uncontrolled_pace_m_per_s": statistics.median(row["uncontrolled_pace_m_per_s"] for row in rows),
         "median_seconds": statistics.median(row["seconds"] for row in rows),
         "by_mesh": {
             mesh: sum(row["success"] for row in rows if row["mesh"] == mesh) / sum(row["mesh"] == mesh for row in rows)

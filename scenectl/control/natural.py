@@ -59,13 +59,13 @@ _NEAR, _INSISTENCE = 0.15, 20.0
 """Metres from targets at which a body's costs may only be holding it up, and by how much more targets count then."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
-_POSE = (
+_BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
     Term("smoothness", weight=20.0),
+    Term("foot_skating", weight=10.0),
 )
-_BODY, _FIRM_BODY = ((*_POSE, Term("foot_skating", weight=weight)) for weight in (3.0, 10.0))
-"""What a body minds; where goals pull the harder, feet are kept from sliding the harder."""
+"""What a body minds."""
 _FOOT, _FIRM_FOOT = 2e3, 4e3
 """Cost per squared metre by which a standing foot is lifted, each frame; and where goals pull the harder."""
 
@@ -99,7 +99,7 @@ class Natural:
         """The same with goals that pull the harder, and feet that hold on the harder."""
         other = copy(self)
         pulling = (replace(t, weight=_INSISTENCE * t.weight) if t.spec.pulls else t for t in self._goals.counted)
-        other.objective, other._foot = Objective((*pulling, *_FIRM_BODY)), _FIRM_FOOT
+        other.objective, other._foot = Objective((*pulling, *_BODY)), _FIRM_FOOT
         return other
 
     def in_reach(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from objectives import Term
-from scenectl.task import LEEWAY, ONE_PASS, PACE, SceneSpec, Task, Walk, heading_along, load_task, start_of
+from scenectl.task import ONE_PASS, PACE, SceneSpec, Task, Walk, heading_along, load_task, start_of
 from scenes.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.floor import path_length
@@ -78,12 +78,12 @@ def test_walk_passes_its_stops() -> None:
 
 def test_length_of_a_walk_follows_from_its_path() -> None:
     problem = Task(prompt="x", scene=Scene.empty(), start=[0.0, 0.0], walk={"to": [0.0, 3.6]}).build()
-    assert problem.seconds == pytest.approx(3.6 / PACE + LEEWAY, abs=0.15)
+    assert problem.seconds == pytest.approx(3.6 / PACE, abs=0.15)
 
 
 def test_a_walk_across_a_large_place_takes_as_long_as_it_takes() -> None:
     far = Task(prompt="x", scene=Scene.empty(), start=[0.0, -15.0], walk={"to": [0.0, 15.0]}).build()
-    assert ONE_PASS < far.seconds == pytest.approx(30.0 / PACE + LEEWAY, abs=0.15)
+    assert ONE_PASS < far.seconds == pytest.approx(30.0 / PACE, abs=0.15)
     there_and_back = {"to": [0.0, 18.0], "via": [[0.0, -18.0], [0.0, 18.0], [0.0, -18.0]]}
     with pytest.raises(UserError, match="give a nearer target"):
         Task(prompt="x", scene=Scene.empty(), start=[0.0, 0.0], walk=there_and_back).build()

@@ -8,6 +8,7 @@ import pytest
 
 from scenectl.bench import rivals
 from scenectl.bench.control import FURTHEST, NEAREST, PILLARS, _cases, bench_control, plot
+from scenectl.bench.keyframes import usable_clips
 from scenectl.bench.rivals import METHODS
 from scenectl.control import SolverSettings
 from scenectl.generators.mscot import MSCoT
@@ -59,12 +60,19 @@ def test_what_is_not_known_is_named(data: Path, methods: tuple, joints: tuple, d
         bench_control(MSCoT(bundle()), data, 1, methods, joints, densities)
 
 
+def test_clips_can_be_asked_to_be_long(data: Path) -> None:
+    lengths = sorted({clip.frames for clip in usable_clips(data)})
+    assert {clip.frames for clip in usable_clips(data, lengths[-1])} == {lengths[-1]} and len(lengths) > 1
+    with pytest.raises(UserError, match=f"no captioned test clip of {lengths[-1] + 1} frames"):
+        bench_control(MSCoT(bundle()), data, 1, shortest=lengths[-1] + 1)
+
+
 def test_pillars_stand_close_to_the_recording_which_touches_none(data: Path) -> None:
     result = bench_control(MSCoT(bundle()), data, 1, ("scenectl",), ("head",), ("2",), ("empty", "pillars"))
     rows = result["rows"]
     assert [row["scene"] for row in rows] == ["empty", "empty", "pillars", "pillars"]
     assert rows[0]["average_error_m"] == rows[2]["average_error_m"]  # the free sample knows nothing of pillars
-    (case,) = _cases(data, 1, ("head",), ("2",), "pillars", 0)
+    (case,) = _cases(usable_clips(data), 1, ("head",), ("2",), "pillars", 0)
     clearance = Scorer(case.scene).depths(case.keyframes.real).clearance.min()
     assert len(case.scene.primitives) == PILLARS and NEAREST <= clearance <= FURTHEST
     assert [term.goal for term in case.guide(SolverSettings()).objective.terms] == ["joint_target", "sdf_penetration"]
