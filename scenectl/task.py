@@ -35,7 +35,7 @@ from scenes.scene import BUNDLED, Scene, bundled, bundled_names, load_scene
 
 FASTEST_WALK = 1.6
 """Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
-PACE = 1.3
+PACE = 1.4
 """Metres a second at which tasks without `seconds` are timed: a person's usual pace. The shipped generators', standing
 included, is a little less (`scenectl bench rooms` prints it); feet of whoever is led more slowly slide."""
 FPS = 20.0

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from scenectl.control import SolverSettings
+from scenectl.control.natural import stretches
 from scenectl.generators.base import Generator, Progress
 from scenectl.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.runner import run
@@ -169,6 +170,8 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "close": missed <= CLOSE,
         "shallow": depth <= SHALLOW,
         "quick": seconds <= QUICK,
+        "worst_bone_m": float(stretches(motion).abs().max()),
+        "uncontrolled_worst_bone_m": float(stretches(free).abs().max()),
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
@@ -189,9 +192,8 @@ def _pace(motion: Motion) -> float:
     return float(way.diff(dim=0).norm(dim=-1).mean()) * motion.fps
 
 
-_NATURAL = tuple(
-    f"{way}{key}" for key in ("skating_ratio", "max_acceleration_m_per_frame2") for way in ("", "uncontrolled_")
-)
+_JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2", "worst_bone_m")
+_NATURAL = tuple(f"{way}{key}" for key in _JUDGED for way in ("", "uncontrolled_"))
 
 
 def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -48,7 +48,8 @@ STRICT, LENIENT, HOPEFUL = Leniency(1.0, 1.0), Leniency(3.0, 1.0), Leniency(4.0,
 """What a body bears; what for goals that are met; and from where a body may still be talked into meeting them."""
 _LED = 0.2
 """Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
-before, and letting go of what is far off would let go of the way: such goals are left to the solver."""
+before, and letting go of what is far off would let go of the way: such goals are left to the solver, which minds the
+bones meanwhile."""
 _STANDING, _STILL = 0.07, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
 _HELD = 0.05
@@ -59,6 +60,8 @@ _NEAR, _INSISTENCE = 0.15, 20.0
 """Metres from targets at which a body's costs may only be holding it up, and by how much more targets count then."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
+_BONES = Term("bone_length", weight=10.0, tolerance=1e3)
+"""What counts beside goals that lead a body."""
 _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
@@ -87,7 +90,7 @@ class Natural:
         free = torch.tensor([foot not in _asked(objective) for foot in FEET])
         self._stands = (height < _STANDING) & (moved < _STILL) & before.valid[..., None] & free
         self._stretched = bone_errors(before)
-        self._led = any(t.spec.pulls and _share(t, before, context) >= _LED for t in objective.counted)
+        self._led = leads(objective, before, context)
 
     def letting_go(self) -> Natural:
         """Insisting, but with goals that pull less and less where they are further off than `FAR`."""
@@ -168,9 +171,18 @@ def finish(settings: SolverSettings) -> SolverSettings:
     return settings.model_copy(update={"iterations": min(settings.iterations, _FINISH)})
 
 
-def _share(term: Term, motion: Motion, context: Context) -> float:
-    """Of the frames, at how many a term has a say."""
-    return float(term.evaluate(motion, context).mask.any(-1).float().mean())
+def leads(objective: Objective, motion: Motion, context: Context) -> bool:
+    """Whether goals that pull have a say at so many of the frames that they lead a body along its way."""
+
+    def share(term: Term) -> float:
+        return float(term.evaluate(motion, context).mask.any(-1).float().mean())
+
+    return any(term.spec.pulls and share(term) >= _LED for term in objective.counted)
+
+
+def minding_bones(objective: Objective) -> Objective:
+    """The goals with a cost on bones that never keeps them from being met."""
+    return Objective((*objective.terms, _BONES))
 
 
 def _asked(objective: Objective) -> set[str]:
@@ -194,7 +206,12 @@ def _with_kernel(objective: Objective, kernel: Kernel, delta: float) -> tuple[Te
 
 def bone_errors(motion: Motion) -> Float[Tensor, "*b T"]:
     """Mean distance (m) of each frame's bones from the skeleton's lengths; 0 in padding."""
+    return stretches(motion).abs().mean(-1)
+
+
+def stretches(motion: Motion) -> Float[Tensor, "*b T B"]:
+    """By how much (m) each bone is longer than the skeleton's; 0 in padding."""
     parents, children = (list(side) for side in zip(*motion.skeleton.bones, strict=True))
     lengths = (motion.joints[..., children, :] - motion.joints[..., parents, :]).norm(dim=-1)
     rest = lengths.new_tensor(motion.skeleton.bone_lengths)[children]
-    return (lengths - rest).abs().mean(-1) * motion.valid
+    return (lengths - rest) * motion.valid[..., None]

@@ -70,16 +70,19 @@ class Refinement:
         solver gets it out. What leads (a path, a target) lies on the right side, and walls count from there on.
         """
         leading, lead = tuple(t for t in self._goals.counted if t.spec.pulls), self._solver.lead
+        goals = self._goals
+        if self._solver.natural and body.leads(goals, step.motion, self._context):
+            goals = body.minding_bones(goals)
         if not lead or len(leading) in (0, len(self._goals.counted)):
-            return self._solved(step, step.value, self._goals, self._solver)
+            return self._solved(step, step.value, goals, self._solver)
         few = {"iterations": min(lead, self._solver.iterations), "enough": None}
         led = self._solved(step, step.value, Objective(leading), self._solver.model_copy(update=few))
-        found = self._solved(step, led.value.view_as(step.value), self._goals, self._solver)
+        found = self._solved(step, led.value.view_as(step.value), goals, self._solver)
         found.evaluations += led.evaluations
         lost = ~(self._cost(self._motion(step, found)) <= self._cost(step.motion))
         if lost.any():  # nan, too
             at = step.at(step.value[lost])
-            again = self._solved(at, at.value, self._goals, self._solver)
+            again = self._solved(at, at.value, goals, self._solver)
             found.replace(again, lost.nonzero()[:, 0], torch.ones_like(lost[lost]))
         return found
 

@@ -9,7 +9,7 @@ import torch
 
 from objectives import Context, Objective, Term, diagnosis
 from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.control.natural import LENIENT, STRICT, Leniency, Natural, bone_errors
+from scenectl.control.natural import LENIENT, STRICT, Leniency, Natural, bone_errors, leads, stretches
 from scenectl.generators import load_generator
 from scenes.body import DEFAULT_BODY
 from scenes.motion import Motion, Pose2D
@@ -75,8 +75,8 @@ def test_insisting_goals_pull_harder_and_are_in_reach_within_a_hand() -> None:
         assert bool(natural.in_reach(moved(before, "head", by.tolist(), slice(20, 21)), CONTEXT)[0]) == reached
     harder = natural.insisting().objective.terms
     weights = {a.goal: (a.weight, b.weight) for a, b in zip(natural.objective.terms, harder, strict=True)}
-    assert all(b > a for a, b in (weights.pop("joint_target"), weights.pop("foot_skating")))
-    assert len(weights) == 3 and all(a == b for a, b in weights.values())
+    once, insisting = weights.pop("joint_target")
+    assert insisting > once and len(weights) == 4 and all(a == b for a, b in weights.values())
     lifted = moved(before, "left_foot", [0.0, 0.05, 0.0], slice(20, 22))
     assert natural.insisting()._footing(lifted).sum() > natural._footing(lifted).sum() > 0
 
@@ -141,6 +141,22 @@ def test_a_target_out_of_reach_breaks_no_bones_and_is_named() -> None:
     assert said is not None and said.startswith("target 2 (left wrist, 1.50 s) is ") and "out of reach" in said
     others = (made.motion[0].joint("left_wrist")[[20, 40]] - torch.tensor(places)[[0, 2]]).norm(dim=-1)
     assert float(others.max()) < 0.02
+
+
+def test_bones_are_minded_where_goals_lead_a_body_along_its_way() -> None:
+    """With a wrist that can't follow: nothing is solved anew there, and goals alone draw the arm out."""
+    generator = load_generator("mscot")
+    times = [0.1 * i for i in range(1, 30)]
+    way = {"joint": "pelvis", "position": [[0.0, 0.9, 0.9 * t] for t in times]}
+    wrist = {"joint": "left_wrist", "position": [0.9, 1.5, 1.8]}
+    objective = Objective((Term("joint_target", way, at=times), Term("joint_target", wrist, at=2.0)))
+    worst = []
+    for natural in (False, True):
+        guide = ObjectiveGuide(objective, CONTEXT, SolverSettings(natural=natural))
+        made = generator.generate("a person walks forward", 3.2, Pose2D(), guide, 1, 1)
+        worst.append(float(stretches(made.motion).abs().max()))
+    assert made.unrefined is not None and leads(objective, made.unrefined, CONTEXT)
+    assert worst[1] < 0.5 * worst[0]
 
 
 def test_a_body_is_talked_into_goals_that_alone_would_lift_its_feet() -> None:
