@@ -192,7 +192,7 @@ def _pace(motion: Motion) -> float:
     return float(way.diff(dim=0).norm(dim=-1).mean()) * motion.fps
 
 
-_JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2", "worst_bone_m")
+_JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2")
 _NATURAL = tuple(f"{way}{key}" for key in _JUDGED for way in ("", "uncontrolled_"))
 
 
@@ -213,6 +213,7 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "deepest_floor_penetration_m": max(row["deepest_floor_penetration_m"] for row in rows),
         "mean_share_of_frames_touching": statistics.fmean(row["share_of_frames_touching"] for row in rows),
         **{key: statistics.fmean(row[key] for row in rows) for key in _NATURAL},
+        **{f"{way}worst_bone_m": max(row[f"{way}worst_bone_m"] for row in rows) for way in ("", "uncontrolled_")},
         "median_uncontrolled_pace_m_per_s": statistics.median(row["uncontrolled_pace_m_per_s"] for row in rows),
         "median_seconds": statistics.median(row["seconds"] for row in rows),
         "by_mesh": {

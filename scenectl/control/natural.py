@@ -49,7 +49,7 @@ STRICT, LENIENT, HOPEFUL = Leniency(1.0, 1.0), Leniency(3.0, 1.0), Leniency(4.0,
 _LED = 0.2
 """Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
 before, and letting go of what is far off would let go of the way: such goals are left to the solver, which minds the
-bones meanwhile."""
+bones meanwhile where there are walls, too."""
 _STANDING, _STILL = 0.07, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
 _HELD = 0.05
@@ -60,8 +60,8 @@ _NEAR, _INSISTENCE = 0.15, 20.0
 """Metres from targets at which a body's costs may only be holding it up, and by how much more targets count then."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
-_BONES = Term("bone_length", weight=10.0, tolerance=1e3)
-"""What counts beside goals that lead a body."""
+_BONES = Term("bone_length", weight=10.0, tolerance=0.05)
+"""What counts beside walls and goals that lead a body."""
 _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
@@ -181,7 +181,7 @@ def leads(objective: Objective, motion: Motion, context: Context) -> bool:
 
 
 def minding_bones(objective: Objective) -> Objective:
-    """The goals with a cost on bones that never keeps them from being met."""
+    """The goals with a cost on bones; a search that meets them goes on while a bone is off by more than its tolerance."""
     return Objective((*objective.terms, _BONES))
 
 

@@ -70,11 +70,11 @@ class Refinement:
         solver gets it out. What leads (a path, a target) lies on the right side, and walls count from there on.
         """
         leading, lead = tuple(t for t in self._goals.counted if t.spec.pulls), self._solver.lead
+        if not lead or len(leading) in (0, len(self._goals.counted)):
+            return self._solved(step, step.value, self._goals, self._solver)
         goals = self._goals
         if self._solver.natural and body.leads(goals, step.motion, self._context):
             goals = body.minding_bones(goals)
-        if not lead or len(leading) in (0, len(self._goals.counted)):
-            return self._solved(step, step.value, goals, self._solver)
         few = {"iterations": min(lead, self._solver.iterations), "enough": None}
         led = self._solved(step, step.value, Objective(leading), self._solver.model_copy(update=few))
         found = self._solved(step, led.value.view_as(step.value), goals, self._solver)

@@ -149,7 +149,8 @@ def test_bones_are_minded_where_goals_lead_a_body_along_its_way() -> None:
     times = [0.1 * i for i in range(1, 30)]
     way = {"joint": "pelvis", "position": [[0.0, 0.9, 0.9 * t] for t in times]}
     wrist = {"joint": "left_wrist", "position": [0.9, 1.5, 1.8]}
-    objective = Objective((Term("joint_target", way, at=times), Term("joint_target", wrist, at=2.0)))
+    wall = Term("sdf_penetration", kernel="squared", reduction="sum", weight=300.0)
+    objective = Objective((Term("joint_target", way, at=times), Term("joint_target", wrist, at=2.0), wall))
     worst = []
     for natural in (False, True):
         guide = ObjectiveGuide(objective, CONTEXT, SolverSettings(natural=natural))
