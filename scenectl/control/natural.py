@@ -181,7 +181,7 @@ def leads(objective: Objective, motion: Motion, context: Context) -> bool:
 
 
 def minding_bones(objective: Objective) -> Objective:
-    """The goals with a cost on bones; a search that meets them goes on while a bone is off by more than its tolerance."""
+    """The goals with a cost on bones; a search that meets them goes on while a bone is off by more than allowed."""
     return Objective((*objective.terms, _BONES))
 
 
