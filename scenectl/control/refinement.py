@@ -22,7 +22,7 @@ from scenectl.generators.base import Step
 from scenes.motion import Motion
 
 _REMEMBERED = 2
-"""Steps: a search's best and its last trial are asked for again."""
+"""Steps: what a search ended with is asked for again, and is among its last trials as a rule."""
 
 
 class Refinement:

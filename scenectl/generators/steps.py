@@ -77,7 +77,7 @@ class LatentStep:
         return self.place(self.tokenizer.decode_latent(self.latent(value)))
 
     def at(self, value: Float[Tensor, "S *v"]) -> LatentStep:
-        return self if value is self.value else replace(self, value=value)
+        return replace(self, value=value)
 
     @cached_property
     @torch.no_grad()
