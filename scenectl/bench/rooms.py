@@ -16,6 +16,7 @@ from scenectl.control import SolverSettings
 from scenectl.control.natural import stretches
 from scenectl.generators.base import Generator, Progress
 from scenectl.metrics import Scorer, max_acceleration, skating_ratio
+from scenectl.metrics import path_length as way_over_floor
 from scenectl.runner import run
 from scenectl.task import Start, Task, Walk
 from scenes.errors import UserError
@@ -176,7 +177,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
-        "uncontrolled_pace_m_per_s": _pace(free),
+        "uncontrolled_pace_m_per_s": float(way_over_floor(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
     }
 
@@ -184,12 +185,6 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
 def _missed(motion: Motion, target: tuple[float, float]) -> float:
     end = motion.joint("pelvis")[-1, [0, 2]]
     return float((end - torch.tensor(target)).norm())
-
-
-def _pace(motion: Motion) -> float:
-    """Metres of the pelvis's way over the floor, a second."""
-    way = motion.joint("pelvis")[:, [0, 2]]
-    return float(way.diff(dim=0).norm(dim=-1).mean()) * motion.fps
 
 
 _JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2")
