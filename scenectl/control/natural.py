@@ -48,8 +48,8 @@ STRICT, LENIENT, HOPEFUL = Leniency(1.0, 1.0), Leniency(3.0, 1.0), Leniency(4.0,
 """What a body bears; what for goals that are met; and from where a body may still be talked into meeting them."""
 _LED = 0.2
 """Where goals lead a body along this share of its way or more (a path, a track), its steps fall at other times than
-before, and letting go of what is far off would let go of the way: such goals are left to the solver, which minds the
-bones meanwhile where there are walls, too."""
+before, and letting go of what is far off would let go of the way: such goals are left to the solver, which minds
+bones and shuffling meanwhile where there are walls, too."""
 _STANDING, _STILL = 0.07, 0.02
 """A foot stands where it is lower than this over the scene (m) and moves by less than that from frame to frame."""
 _HELD = 0.05
@@ -60,8 +60,11 @@ _NEAR, _INSISTENCE = 0.15, 20.0
 """Metres from targets at which a body's costs may only be holding it up, and by how much more targets count then."""
 _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
-_BONES = Term("bone_length", weight=10.0, tolerance=0.05)
-"""What counts beside walls and goals that lead a body."""
+_WALKING = (
+    Term("bone_length", weight=10.0, tolerance=0.05),
+    Term("foot_clearance", weight=3.0, tolerance=1.0),  # never a reason to go on
+)
+"""What a body minds beside walls and goals that lead it."""
 _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
@@ -180,9 +183,9 @@ def leads(objective: Objective, motion: Motion, context: Context) -> bool:
     return any(term.spec.pulls and share(term) >= _LED for term in objective.counted)
 
 
-def minding_bones(objective: Objective) -> Objective:
-    """The goals with a cost on bones; a search that meets them goes on while a bone is off by more than allowed."""
-    return Objective((*objective.terms, _BONES))
+def minding_walk(objective: Objective) -> Objective:
+    """The goals, bones and shuffling; a search that meets the goals goes on while a bone is off by too much."""
+    return Objective((*objective.terms, *_WALKING))
 
 
 def _asked(objective: Objective) -> set[str]:

@@ -74,7 +74,7 @@ class Refinement:
             return self._solved(step, step.value, self._goals, self._solver)
         goals = self._goals
         if self._solver.natural and body.leads(goals, step.motion, self._context):
-            goals = body.minding_bones(goals)
+            goals = body.minding_walk(goals)
         few = {"iterations": min(lead, self._solver.iterations), "enough": None}
         led = self._solved(step, step.value, Objective(leading), self._solver.model_copy(update=few))
         found = self._solved(step, led.value.view_as(step.value), goals, self._solver)

@@ -177,6 +177,19 @@ def test_foot_skating_reads_the_speed_of_feet_on_the_ground() -> None:
     assert float(Term("foot_skating").cost(lifted, world)) == 0
 
 
+def test_foot_clearance_reads_how_low_feet_swing() -> None:
+    """A person at 2 cm who moves at 1.5 m/s shuffles by 3 cm; higher, or slower, not at all."""
+    joints = standing(9) + torch.tensor([0, 0.04, 0], dtype=torch.float64)
+    moved = torch.arange(9).sub(4).clamp_min(0)[:, None, None] * torch.tensor([0.045, 0, 0.06])  # from frame 4 on
+    motion, world = Motion(joints + moved), context(x=2.5)
+    report = Term("foot_clearance").evaluate(motion, world)
+    assert (report.square[:, 0] > 0).tolist() == [False] * 4 + [True] * 5
+    assert Term("foot_clearance").report(motion, world)[0].worst == pytest.approx(0.03)
+    lifted = replace(motion, joints=motion.joints + torch.tensor([0, 0.03, 0]))
+    assert float(Term("foot_clearance").cost(lifted, world)) == pytest.approx(0)
+    assert float(Term("foot_clearance", {"speed": 1.6}).cost(motion, world)) == 0
+
+
 def test_smoothness_reads_the_acceleration() -> None:
     time = torch.arange(9, dtype=torch.float64)[:, None, None] / 20
     motion = Motion(standing(9) + 0.5 * 12.0 * time**2 * torch.tensor([0.6, 0.0, 0.8]))
