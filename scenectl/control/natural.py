@@ -3,8 +3,9 @@
 The paper's failure cases (its Fig. 10) come from solving harder than a body can. What is done where a search ended in
 a strained body depends on how far from the goals a body stays:
 
-- Where the goals were met at a small strain, a search goes on from there with a cost on bones, joint limits, jerks and
-  skating, feet that stood held down, and goals that pull harder; then with the goals alone, if a body bears it.
+- Where the goals were met at a small strain, a search goes on from there with a cost on bones, joint limits, jerks,
+  skating and shuffling, feet that stood held down, and goals that pull harder; then with the goals alone, if a body
+  bears it.
 - Otherwise refinement begins again from the generator's own value, with the same costs and goals that pull (targets)
   pulling no harder however far they are (Huber). Where that ends near all targets, as above.
 - From elsewhere what is hopeless is let go of (Geman and McClure's kernel, whose pull fades with distance), while what
@@ -69,7 +70,8 @@ _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
     Term("smoothness", weight=20.0),
-    Term("foot_skating", weight=10.0),
+    Term("foot_skating", weight=10.0, kernel="geman_mcclure", delta=1.0),  # m/s; what is faster swings, however low
+    Term("foot_clearance", weight=3.0),
 )
 """What a body minds."""
 _FOOT, _FIRM_FOOT = 2e3, 4e3
@@ -80,7 +82,7 @@ class Natural:
     """What a body may not do for a goal's sake, beside the motion that a generator made of itself.
 
     Attributes:
-        objective: the goals, with those that pull held back, and a cost on bones, joint limits, jerks and skating.
+        objective: the goals, with those that pull held back, and what a body minds.
     """
 
     def __init__(self, objective: Objective, before: Motion, context: Context) -> None:

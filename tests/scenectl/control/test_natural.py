@@ -76,7 +76,7 @@ def test_insisting_goals_pull_harder_and_are_in_reach_within_a_hand() -> None:
     harder = natural.insisting().objective.terms
     weights = {a.goal: (a.weight, b.weight) for a, b in zip(natural.objective.terms, harder, strict=True)}
     once, insisting = weights.pop("joint_target")
-    assert insisting > once and len(weights) == 4 and all(a == b for a, b in weights.values())
+    assert insisting > once and len(weights) == 5 and all(a == b for a, b in weights.values())
     lifted = moved(before, "left_foot", [0.0, 0.05, 0.0], slice(20, 22))
     assert natural.insisting()._footing(lifted).sum() > natural._footing(lifted).sum() > 0
 
@@ -158,6 +158,20 @@ def test_bones_are_minded_where_goals_lead_a_body_along_its_way() -> None:
         worst.append(float(stretches(made.motion).abs().max()))
     assert made.unrefined is not None and leads(objective, made.unrefined, CONTEXT)
     assert worst[1] < 0.5 * worst[0]
+
+
+def test_feet_swing_clear_of_the_floor_on_walks_slower_than_the_generators_own() -> None:
+    """A metre in 1.8 s, where two are walked if nobody asks: steps made shorter are made lower, too."""
+    generator = load_generator("mscot")
+    corridor = {"path": [[0, 0], [0, 1]], "half_width": 0.2, "begin": 0.0, "end": 1.75}
+    arrive = Term("joint_target", {"joint": "pelvis", "position": [0.0, 1.0]}, at=1.75)
+    walls = Term("sdf_penetration", kernel="squared", reduction="sum", weight=300.0)
+    objective, low = Objective((Term("follow_path", corridor), arrive, walls)), []
+    for natural in (False, True):
+        guide = ObjectiveGuide(objective, CONTEXT, SolverSettings(natural=natural))
+        made = generator.generate("a person walks forward", 1.8, Pose2D(), guide, 4, 0)
+        assert objective.met(made.motion, CONTEXT).all()
+    assert low[1] < 0.5 * low[0]
 
 
 def test_a_body_is_talked_into_goals_that_alone_would_lift_its_feet() -> None:
