@@ -56,27 +56,28 @@ def foot_clearance(
     speed: NotNegative = 1.0,
     feet: list[str] = ["left_foot", "right_foot"],  # noqa: B006  (read only)
 ) -> Masked:
-    """Lift feet that swing, which shuffle otherwise where steps are made shorter than the generator's own.
+    """Keep feet that swing off the ground: a generator that is made to take shorter steps takes lower ones, too.
 
-    Residual: how much lower than `height` a foot is over the scene, m, where it is faster than `speed` from the frame
-    before or to the next; the gate is hard, so the gradient never slows a foot to escape it. The other half of
-    `foot_skating`, as low swings count as skating in GMD's ratio, whose height this is. Rewards of legged robots have
-    the same term.
+    Residual: how much closer to the scene than `height` a foot stays, m, in a step from one frame to the next in which
+    it is faster than `speed`; at the end that is further off, so that feet may land and leave. With `foot_skating`,
+    which slows slow feet that are so low, this answers both halves of GMD's skating ratio, in which a low swing counts
+    (height 0.05 m, from 0.5 m/s). The gate is hard, so the gradient never slows a foot to escape it.
 
     Args:
-        height: of a swinging foot over the scene, m (measured at the sole).
-        speed: in the plane, beyond which a foot swings, m/s.
+        height: of a swinging foot over the scene, walls and steps included, m (measured at the sole).
+        speed: in the plane, beyond which a foot swings, m/s; a slower one should rather stand.
         feet: the foot joints.
     """
     points = motion.select(feet)
     moved = (points[..., 1:, :, ::2] - points[..., :-1, :, ::2]).detach().norm(dim=-1)
-    step = (motion.valid[..., 1:] & motion.valid[..., :-1])[..., None]
-    fast = torch.nn.functional.pad(
-        (moved * motion.fps > speed) & step, (0, 0, 1, 1)
-    )  # before the first, after the last
-    swings = fast[..., 1:, :] | fast[..., :-1, :]
-    low = (height - foot_heights(points, motion, context)).clamp_min(0.0)
-    return Masked(torch.where(swings, low, 0.0), labels=feet, points=points)
+    swings = ~(moved * motion.fps <= speed)  # what is no number must not pass
+    height_over = foot_heights(points, motion, context)
+    low = (height - torch.maximum(height_over[..., 1:, :], height_over[..., :-1, :])).clamp_min(0.0)
+    # Frame t stands for the step from t to t + 1, as in `foot_skating`.
+    low = torch.cat([torch.where(swings, low, 0.0), torch.zeros_like(points[..., :1, :, 0])], dim=-2)
+    step = motion.valid[..., 1:] & motion.valid[..., :-1]
+    step = torch.cat([step, torch.zeros_like(motion.valid[..., :1])], dim=-1)
+    return Masked(low, step, labels=feet, points=points)
 
 
 @goal(unit="m/s^2", kernel="squared", reduction="mean", scale=1e-4, tolerance=60.0, dim=3)

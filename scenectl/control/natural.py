@@ -63,14 +63,16 @@ _APPROACH, _FINISH = 40, 20
 """Iterations at most of the approach, and of what is solved for from there."""
 _WALKING = (
     Term("bone_length", weight=10.0, tolerance=0.05),
-    Term("foot_clearance", weight=3.0, tolerance=1.0),  # never a reason to go on
+    Term("foot_clearance", weight=5.0, tolerance=1.0),  # never a reason to go on
 )
 """What a body minds beside walls and goals that lead it."""
 _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
     Term("smoothness", weight=20.0),
-    Term("foot_skating", weight=10.0, kernel="geman_mcclure", delta=1.0),  # m/s; what is faster swings, however low
+    Term(
+        "foot_skating", weight=10.0, kernel="geman_mcclure", delta=1.0
+    ),  # m/s; the faster, the less it is held: it swings
     Term("foot_clearance", weight=3.0),
 )
 """What a body minds."""

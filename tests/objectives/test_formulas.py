@@ -178,16 +178,27 @@ def test_foot_skating_reads_the_speed_of_feet_on_the_ground() -> None:
 
 
 def test_foot_clearance_reads_how_low_feet_swing() -> None:
-    """A person at 2 cm who moves at 1.5 m/s shuffles by 3 cm; higher, or slower, not at all."""
+    """A left foot that goes at 1.5 m/s from frame 4 on, at 2 cm, shuffles by 3 cm; higher, or slower, not at all."""
+    world, foot = context(x=2.5), HUMANML3D.index("left_foot")
     joints = standing(9) + torch.tensor([0, 0.04, 0], dtype=torch.float64)
-    moved = torch.arange(9).sub(4).clamp_min(0)[:, None, None] * torch.tensor([0.045, 0, 0.06])  # from frame 4 on
-    motion, world = Motion(joints + moved), context(x=2.5)
-    report = Term("foot_clearance").evaluate(motion, world)
-    assert (report.square[:, 0] > 0).tolist() == [False] * 4 + [True] * 5
-    assert Term("foot_clearance").report(motion, world)[0].worst == pytest.approx(0.03)
-    lifted = replace(motion, joints=motion.joints + torch.tensor([0, 0.03, 0]))
-    assert float(Term("foot_clearance").cost(lifted, world)) == pytest.approx(0)
-    assert float(Term("foot_clearance", {"speed": 1.6}).cost(motion, world)) == 0
+    joints[:, foot] += torch.arange(9).sub(4).clamp_min(0)[:, None] * torch.tensor([0.045, 0, 0.06])
+
+    def cost(joints: torch.Tensor, **parameters: float) -> float:
+        return float(Term("foot_clearance", parameters).cost(Motion(joints), world))
+
+    report = Term("foot_clearance").evaluate(Motion(joints), world)
+    assert (report.square > 0).tolist() == [[4 <= t < 8, False] for t in range(9)]
+    assert Term("foot_clearance").report(Motion(joints), world)[0].worst == pytest.approx(0.03)
+    assert cost(joints) > 0 and cost(joints, speed=1.6) == 0 and cost(joints[:1]) == 0
+    up = torch.tensor([0, 0.03, 0])
+    assert cost(joints + up) == pytest.approx(0)
+    hops = torch.tensor([0.0, 1.0]).repeat(5)[:9, None, None] * up  # one end of each step is high enough
+    assert cost(joints + hops) == pytest.approx(0)
+    assert cost(joints - hops) > cost(joints, height=0.04)
+    jumping = (
+        standing(9) + torch.tensor([0.0, 0.01, 0.0]) + torch.arange(9)[:, None, None] % 2 * torch.tensor([0, 0.1, 0])
+    )
+    assert cost(jumping) == 0  # up and down is no swing
 
 
 def test_smoothness_reads_the_acceleration() -> None:
