@@ -53,15 +53,15 @@ def foot_clearance(
     context: Context,
     *,
     height: Positive = 0.05,
-    speed: NotNegative = 1.0,
+    speed: NotNegative = 0.5,
     feet: list[str] = ["left_foot", "right_foot"],  # noqa: B006  (read only)
 ) -> Masked:
     """Keep feet that swing off the ground: a generator that is made to take shorter steps takes lower ones, too.
 
-    Residual: how much closer to the scene than `height` a foot stays, m, in a step from one frame to the next in which
-    it is faster than `speed`; at the end that is further off, so that feet may land and leave. With `foot_skating`,
-    which slows slow feet that are so low, this answers both halves of GMD's skating ratio, in which a low swing counts
-    (height 0.05 m, from 0.5 m/s). The gate is hard, so the gradient never slows a foot to escape it.
+    Residual: how much closer to the scene than `height` a foot stays, m, in a step from one frame to the next, at the
+    end that is further off, so that feet may land and leave; times how much faster than `speed` it is, up to 1 at 1 m/s
+    more. With `foot_skating`, which slows feet that are so low, this answers both halves of GMD's skating ratio, in
+    which a low swing counts (height 0.05 m, from 0.5 m/s). Without a hard gate, as solvers stall where feet pass it.
 
     Args:
         height: of a swinging foot over the scene, walls and steps included, m (measured at the sole).
@@ -69,12 +69,12 @@ def foot_clearance(
         feet: the foot joints.
     """
     points = motion.select(feet)
-    moved = (points[..., 1:, :, ::2] - points[..., :-1, :, ::2]).detach().norm(dim=-1)
-    swings = ~(moved * motion.fps <= speed)  # what is no number must not pass
-    height_over = foot_heights(points, motion, context)
-    low = (height - torch.maximum(height_over[..., 1:, :], height_over[..., :-1, :])).clamp_min(0.0)
+    moved = length(points[..., 1:, :, ::2] - points[..., :-1, :, ::2])
+    share = (moved * motion.fps - speed).clamp(0.0, 1.0)
+    over = foot_heights(points, motion, context)
+    low = (height - torch.maximum(over[..., 1:, :], over[..., :-1, :])).clamp_min(0.0) * share
     # Frame t stands for the step from t to t + 1, as in `foot_skating`.
-    low = torch.cat([torch.where(swings, low, 0.0), torch.zeros_like(points[..., :1, :, 0])], dim=-2)
+    low = torch.cat([low, torch.zeros_like(points[..., :1, :, 0])], dim=-2)
     step = motion.valid[..., 1:] & motion.valid[..., :-1]
     step = torch.cat([step, torch.zeros_like(motion.valid[..., :1])], dim=-1)
     return Masked(low, step, labels=feet, points=points)

@@ -178,7 +178,7 @@ def test_foot_skating_reads_the_speed_of_feet_on_the_ground() -> None:
 
 
 def test_foot_clearance_reads_how_low_feet_swing() -> None:
-    """A left foot that goes at 1.5 m/s from frame 4 on, at 2 cm, shuffles by 3 cm; higher, or slower, not at all."""
+    """A left foot that goes at 1.5 m/s from frame 4 on, at 2 cm, shuffles by 3 cm; higher not at all, slower less."""
     world, foot = context(x=2.5), HUMANML3D.index("left_foot")
     joints = standing(9) + torch.tensor([0, 0.04, 0], dtype=torch.float64)
     joints[:, foot] += torch.arange(9).sub(4).clamp_min(0)[:, None] * torch.tensor([0.045, 0, 0.06])
@@ -189,7 +189,8 @@ def test_foot_clearance_reads_how_low_feet_swing() -> None:
     report = Term("foot_clearance").evaluate(Motion(joints), world)
     assert (report.square > 0).tolist() == [[4 <= t < 8, False] for t in range(9)]
     assert Term("foot_clearance").report(Motion(joints), world)[0].worst == pytest.approx(0.03)
-    assert cost(joints) > 0 and cost(joints, speed=1.6) == 0 and cost(joints[:1]) == 0
+    assert cost(joints, speed=1.25) == pytest.approx(cost(joints) / 16) and cost(joints, speed=1.6) == 0
+    assert cost(joints[:1]) == 0
     up = torch.tensor([0, 0.03, 0])
     assert cost(joints + up) == pytest.approx(0)
     hops = torch.tensor([0.0, 1.0]).repeat(5)[:9, None, None] * up  # one end of each step is high enough
