@@ -37,7 +37,7 @@ FASTEST_WALK = 1.6
 """Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
 PACE = 1.4
 """Metres a second at which tasks without `seconds` are timed: a person's usual pace. The shipped generators', standing
-included, is a little less (`scenectl bench rooms` prints it); feet of whoever is led more slowly slide."""
+included, is a little less (`scenectl bench rooms` prints it); whoever is led more slowly takes lower steps."""
 FPS = 20.0
 """Frames a second of the shipped generators; tasks are checked on this clock."""
 GROUND = 0.2

@@ -37,14 +37,10 @@ def foot_skating(
     """
     points = motion.select(feet)
     grounded = foot_heights(points, motion, context).detach() < height
-    speed = beyond((points[..., 1:, :, ::2] - points[..., :-1, :, ::2]) * motion.fps, allowed)
+    speed = beyond(points[..., ::2].diff(dim=-3) * motion.fps, allowed)
     down = grounded[..., 1:, :] & grounded[..., :-1, :]
     speed = torch.where(down[..., None], speed, 0.0)
-    # Frame t stands for the step from t to t + 1, so the last frame of a motion has none.
-    step = motion.valid[..., 1:] & motion.valid[..., :-1]
-    speed = torch.cat([speed, torch.zeros_like(points[..., :1, :, ::2])], dim=-3)
-    step = torch.cat([step, torch.zeros_like(motion.valid[..., :1])], dim=-1)
-    return Masked(speed.flatten(-2), step, labels=feet, points=points)
+    return _by_step(speed.flatten(-2), motion, feet, points)
 
 
 @goal(unit="m", kernel="squared", reduction="mean", scale=1e4, tolerance=0.03)
@@ -69,15 +65,20 @@ def foot_clearance(
         feet: the foot joints.
     """
     points = motion.select(feet)
-    moved = length(points[..., 1:, :, ::2] - points[..., :-1, :, ::2])
+    moved = length(points[..., ::2].diff(dim=-3))
     share = (moved * motion.fps - speed).clamp(0.0, 1.0)
     over = foot_heights(points, motion, context)
     low = (height - torch.maximum(over[..., 1:, :], over[..., :-1, :])).clamp_min(0.0) * share
-    # Frame t stands for the step from t to t + 1, as in `foot_skating`.
-    low = torch.cat([low, torch.zeros_like(points[..., :1, :, 0])], dim=-2)
-    step = motion.valid[..., 1:] & motion.valid[..., :-1]
-    step = torch.cat([step, torch.zeros_like(motion.valid[..., :1])], dim=-1)
-    return Masked(low, step, labels=feet, points=points)
+    return _by_step(low, motion, feet, points)
+
+
+def _by_step(
+    residual: Float[Tensor, "*b steps r"], motion: Motion, feet: list[str], points: Float[Tensor, "*b T n 3"]
+) -> Masked:
+    """Residuals of the steps between frames: frame t stands for that from t to t + 1, so the last one has none."""
+    active = motion.valid[..., 1:] & motion.valid[..., :-1]
+    pad = torch.nn.functional.pad
+    return Masked(pad(residual, (0, 0, 0, 1)), pad(active, (0, 1)), labels=feet, points=points)
 
 
 @goal(unit="m/s^2", kernel="squared", reduction="mean", scale=1e-4, tolerance=60.0, dim=3)

@@ -70,9 +70,8 @@ _BODY = (
     Term("bone_length", weight=60.0),
     Term("joint_limits", weight=20.0),
     Term("smoothness", weight=20.0),
-    Term(
-        "foot_skating", weight=10.0, kernel="geman_mcclure", delta=1.0
-    ),  # m/s; the faster, the less it is held: it swings
+    # The faster a foot, the less it is held: it swings.
+    Term("foot_skating", weight=10.0, kernel="geman_mcclure", delta=1.0),
     Term("foot_clearance", weight=3.0),
 )
 """What a body minds."""
