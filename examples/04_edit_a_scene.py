@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 import scenes
-from scenes.scene import BUNDLED
+from scenes.world.scene import BUNDLED
 
 file, name = sys.argv[1:3] if len(sys.argv) > 2 else (BUNDLED / "living_room.glb", "chair_1")
 room = scenes.Assembly(scenes.load_parts(file), lattice=96)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from manifold3d import Manifold
 
-from scenes.authoring import Item, Plan, box, glb, join
+from scenes.bundled.authoring import Item, Plan, box, glb, join
 from scenes.files import atomic_write
 
 WIDE, LONG, DECK = 0.31, 0.46, 0.22

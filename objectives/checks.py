@@ -14,8 +14,8 @@ from objectives.parameters import FloorPoint, Point, instances
 from objectives.term import Term
 from objectives.tracks import TrackBase
 from scenes.errors import UserError
-from scenes.motion import Motion
-from scenes.skeleton import Skeleton
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import Skeleton
 
 # Parameters of any goal that are times, by name: single times, and spans that need only touch the motion.
 _TIMES = ("at", "begin", "end")

@@ -8,8 +8,8 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.body import Segments
-from scenes.motion import Motion
+from scenes.body.body import Segments
+from scenes.motion.motion import Motion
 
 
 @runtime_checkable

@@ -9,7 +9,7 @@ import torch
 from objectives.context import Context
 from objectives.objective import Objective
 from objectives.term import Term
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 FASTEST = 8.0
 """Speed (m/s) that no joint keeps up on its way from one target to the next; a sprinter's pelvis makes 10."""

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 
 def root(square: Float[Tensor, "*s"]) -> Float[Tensor, "*s"]:

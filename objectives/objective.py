@@ -15,8 +15,8 @@ from objectives.checks import check_term
 from objectives.context import Context
 from objectives.report import TermReport
 from objectives.term import Assessed, Term
-from scenes.motion import Motion
-from scenes.skeleton import HUMANML3D, Skeleton
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from objectives.parameters import NotNegative, Positive, parse
 from objectives.registry import TERM_KEYS, GoalSpec, Masked, get_goal
 from objectives.report import TermReport
 from scenes.errors import UserError
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 Number = int | float
 

@@ -12,38 +12,38 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "Box": "scenes.primitives",
-    "Capsule": "scenes.primitives",
+    "Box": "scenes.mesh.primitives",
+    "Capsule": "scenes.mesh.primitives",
     "Context": "objectives",
-    "Cylinder": "scenes.primitives",
-    "Mesh": "scenes.mesh",
-    "Motion": "scenes.motion",
-    "MovingObject": "scenes.moving",
+    "Cylinder": "scenes.mesh.primitives",
+    "Mesh": "scenes.mesh.mesh",
+    "Motion": "scenes.motion.motion",
+    "MovingObject": "scenes.world.moving",
     "Objective": "objectives",
     "ObjectiveGuide": "scenectl.control",
-    "Plane": "scenes.primitives",
-    "Pose2D": "scenes.motion",
-    "ProxyBody": "scenes.body",
-    "Result": "scenectl.runner",
-    "Scene": "scenes.scene",
-    "Sphere": "scenes.primitives",
-    "Task": "scenectl.task",
+    "Plane": "scenes.mesh.primitives",
+    "Pose2D": "scenes.motion.motion",
+    "ProxyBody": "scenes.body.body",
+    "Result": "scenectl.pipeline.run",
+    "Scene": "scenes.world.scene",
+    "Sphere": "scenes.mesh.primitives",
+    "Task": "scenectl.tasks.schema",
     "Term": "objectives",
-    "Trajectory": "scenes.moving",
+    "Trajectory": "scenes.world.moving",
     "UserError": "scenes.errors",
-    "Waypoints": "scenes.primitives",
-    "bundled": "scenes.scene",
-    "csg": "scenes.primitives",
-    "edit": "scenectl.editing",
-    "free_area": "scenes.floor",
+    "Waypoints": "scenes.mesh.primitives",
+    "bundled": "scenes.world.scene",
+    "csg": "scenes.mesh.primitives",
+    "edit": "scenectl.pipeline.editing",
+    "free_area": "scenes.world.floor",
     "goal": "objectives",
     "goals": "objectives",
     "load_generator": "scenectl.generators",
-    "load_mesh": "scenes.mesh",
-    "load_scene": "scenes.scene",
-    "load_task": "scenectl.task",
-    "run": "scenectl.runner",
-    "score": "scenectl.runner",
+    "load_mesh": "scenes.mesh.mesh",
+    "load_scene": "scenes.world.scene",
+    "load_task": "scenectl.tasks.schema",
+    "run": "scenectl.pipeline.run",
+    "score": "scenectl.pipeline.run",
 }
 
 __all__ = [
@@ -85,18 +85,18 @@ __all__ = [
 if TYPE_CHECKING:
     from objectives import Context, Objective, Term, goal, goals
     from scenectl.control import ObjectiveGuide
-    from scenectl.editing import edit
     from scenectl.generators import load_generator
-    from scenectl.runner import Result, run, score
-    from scenectl.task import Task, load_task
-    from scenes.body import ProxyBody
+    from scenectl.pipeline.editing import edit
+    from scenectl.pipeline.run import Result, run, score
+    from scenectl.tasks.schema import Task, load_task
+    from scenes.body.body import ProxyBody
     from scenes.errors import UserError
-    from scenes.floor import free_area
-    from scenes.mesh import Mesh, load_mesh
-    from scenes.motion import Motion, Pose2D
-    from scenes.moving import MovingObject, Trajectory
-    from scenes.primitives import Box, Capsule, Cylinder, Plane, Sphere, Waypoints, csg
-    from scenes.scene import Scene, bundled, load_scene
+    from scenes.mesh.mesh import Mesh, load_mesh
+    from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Sphere, Waypoints, csg
+    from scenes.motion.motion import Motion, Pose2D
+    from scenes.world.floor import free_area
+    from scenes.world.moving import MovingObject, Trajectory
+    from scenes.world.scene import Scene, bundled, load_scene
 
 
 def __getattr__(name: str) -> Any:

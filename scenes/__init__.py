@@ -1,23 +1,15 @@
 """What exists: geometry, the body in it, and motion as data. Imports neither objectives nor scenectl."""
 
-from scenes.assembly import Assembly
-from scenes.bake import Bake, bake, default_cache
-from scenes.bake_blocks import bake_blocks
-from scenes.blocks import SdfBlocks
-from scenes.body import DEFAULT_BODY, ProxyBody
-from scenes.body_fit import fit_body
-from scenes.capsules import FittedCapsule, fit_capsule
-from scenes.contact import Closest, capsule_clearance, closest_point, march, swept_clearance
+from scenes.body.body import DEFAULT_BODY, ProxyBody
+from scenes.body.capsules import FittedCapsule, fit_capsule
+from scenes.body.fit import fit_body
+from scenes.body.gltf import read_rig
+from scenes.body.proxies import FittedPart, Proxies, fit_proxies, load_body
+from scenes.body.rig import Part, Rig
+from scenes.body.urdf import read_urdf
 from scenes.errors import UserError
-from scenes.field import DistanceField
-from scenes.floor import Floor, FreeArea, free_area, path_length
-from scenes.gltf import read_rig
-from scenes.grid import SdfGrid
-from scenes.lattice import Lattice
-from scenes.mesh import Mesh, load_mesh, load_parts
-from scenes.motion import Motion, Pose2D
-from scenes.moving import MovingObject, Trajectory
-from scenes.primitives import (
+from scenes.mesh.mesh import Mesh, load_mesh, load_parts
+from scenes.mesh.primitives import (
     PRIMITIVES,
     Box,
     Capsule,
@@ -29,11 +21,19 @@ from scenes.primitives import (
     csg,
     primitive,
 )
-from scenes.proxies import FittedPart, Proxies, fit_proxies, load_body
-from scenes.rig import Part, Rig
-from scenes.scene import Scene, bundled, bundled_names, load_scene
-from scenes.skeleton import HUMANML3D, Skeleton
-from scenes.urdf import read_urdf
+from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import HUMANML3D, Skeleton
+from scenes.sdf.bake import Bake, bake, default_cache
+from scenes.sdf.bake_blocks import bake_blocks
+from scenes.sdf.blocks import SdfBlocks
+from scenes.sdf.field import DistanceField
+from scenes.sdf.grid import SdfGrid
+from scenes.sdf.lattice import Lattice
+from scenes.world.assembly import Assembly
+from scenes.world.contact import Closest, capsule_clearance, closest_point, march, swept_clearance
+from scenes.world.floor import Floor, FreeArea, free_area, path_length
+from scenes.world.moving import MovingObject, Trajectory
+from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
 __all__ = [
     "DEFAULT_BODY",

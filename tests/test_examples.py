@@ -36,7 +36,7 @@ def test_write_a_goal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
 
 
 def test_run_a_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    from scenectl.models.bundle import load_bundle
+    from scenectl.generators.mscot.bundle import load_bundle
 
     try:
         load_bundle("default")
@@ -50,7 +50,7 @@ def test_run_a_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtu
 
 
 def test_the_cart_is_what_its_script_makes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from scenes.mesh import load_mesh
+    from scenes.mesh.mesh import load_mesh
 
     run("make_cart.py", monkeypatch, str(tmp_path / "cart.glb"))
     made, kept = load_mesh(tmp_path / "cart.glb"), load_mesh(EXAMPLES / "tasks" / "cart.glb")
@@ -61,7 +61,7 @@ def test_the_cart_is_what_its_script_makes(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_the_cart_is_let_pass() -> None:
     import scenectl as sc
-    from scenectl.models.bundle import load_bundle
+    from scenectl.generators.mscot.bundle import load_bundle
 
     try:
         load_bundle("default")

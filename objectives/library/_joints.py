@@ -5,7 +5,7 @@ from __future__ import annotations
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 Joints = str | list[str]
 

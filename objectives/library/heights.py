@@ -14,7 +14,7 @@ from objectives.maths import first_middle_last, frame_mask, frames_near
 from objectives.parameters import NotNegative, Region
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 Side = Literal["below", "above"]
 

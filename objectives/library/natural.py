@@ -12,7 +12,7 @@ from objectives.library.scene import foot_heights
 from objectives.maths import beyond, length
 from objectives.parameters import NotNegative, Positive
 from objectives.registry import Masked, goal
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 
 @goal(unit="m/s", kernel="squared", reduction="mean", tolerance=0.5, dim=2)

@@ -11,7 +11,7 @@ from objectives.maths import length
 from objectives.parameters import NotNegative, Point, Positive
 from objectives.registry import Masked, goal
 from objectives.tracks import Track, held_position
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 
 @goal(unit="m", kernel="squared", reduction="mean", tolerance=0.0)

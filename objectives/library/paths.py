@@ -15,7 +15,7 @@ from objectives.maths import beyond, root
 from objectives.parameters import FloorPoint, Point, Positive
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 # Where two segments are equally near, the distance to the nearer one has a ridge. A soft minimum of this width (m)
 # rounds it; its gradient stays a mean of the segments' own, and it reads less than 3 cm short at 0.3 m even for a path

@@ -8,7 +8,7 @@ from objectives.context import Context
 from objectives.library._joints import Joints, placed
 from objectives.parameters import FloorPoint, Positive
 from objectives.registry import Masked, goal
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 
 @goal(unit="m", kernel="linear", reduction="mean", tolerance=0.05)

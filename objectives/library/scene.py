@@ -11,9 +11,9 @@ from objectives.library._joints import Joints, chosen
 from objectives.maths import within
 from objectives.parameters import NotNegative
 from objectives.registry import Masked, goal
-from scenes.contact import swept_clearance
 from scenes.errors import UserError, did_you_mean
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
+from scenes.world.contact import swept_clearance
 
 
 @goal(unit="m", kernel="linear", reduction="mean", tolerance=0.02)
@@ -58,8 +58,8 @@ def swept_penetration(
     """Keep the body's capsules out of the scene on their way from each frame to the next, thin walls included.
 
     Residual: max(0, margin - room), cm, of whole capsules whose ends move straight from frame to frame, where
-    `sdf_penetration` looks at samples of the body at the frames only (`scenes.contact.swept_clearance`, to 5 mm). The
-    cost is in metres all the same, and so takes the same weights.
+    `sdf_penetration` looks at samples of the body at the frames only (`scenes.world.contact.swept_clearance`, to 5 mm).
+    The cost is in metres all the same, and so takes the same weights.
 
     Args:
         margin: distance that shall stay free between body and scene, m; of the floor as for `sdf_penetration`.

@@ -15,7 +15,7 @@ from objectives.parameters import FloorPoint, Point
 from objectives.registry import Masked, goal
 from objectives.tracks import Track, TrackBase
 from scenes.errors import UserError
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 Axes = Literal["x", "y", "z", "xy", "xz", "yz", "xyz"]
 Place = Point | FloorPoint

@@ -15,7 +15,7 @@ from scenectl.control.refinement import Refinement
 from scenectl.control.settings import GuidanceSettings, SolverSettings
 from scenectl.control.start import UNKNOWNS, FreeStart, MovedStep
 from scenectl.generators.base import Generation, Progress, Step
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 
 class ObjectiveGuide:

@@ -27,8 +27,8 @@ from objectives import Assessed, Context, Objective, Term
 from objectives.kernels import Kernel
 from objectives.library.scene import foot_heights
 from scenectl.control.settings import SolverSettings
-from scenectl.metrics import FEET
-from scenes.motion import Motion
+from scenectl.measures.metrics import FEET
+from scenes.motion.motion import Motion
 
 STRETCH, TORN = 0.005, 0.02
 """Metres by which bones may be further from their lengths than before: in the mean, and in that of any one frame."""

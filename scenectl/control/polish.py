@@ -19,8 +19,8 @@ from torch import Tensor
 from objectives import Objective
 from scenectl.control.natural import bone_errors
 from scenectl.control.settings import SolverSettings
-from scenes.motion import Motion
-from scenes.skeleton import Skeleton
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import Skeleton
 
 REACH = 0.01
 """Metres from their targets at which searches through a decoder end, and polishing begins."""

@@ -19,7 +19,7 @@ from scenectl.control.residuals import Residuals
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers import minimise
 from scenectl.generators.base import Step
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 _REMEMBERED = 2
 """Steps: what a search ended with is asked for again, and is among its last trials as a rule."""

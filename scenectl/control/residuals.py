@@ -12,7 +12,7 @@ from torch import Tensor
 
 from objectives import Assessed, Context
 from scenectl.generators.base import Step
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 
 @runtime_checkable

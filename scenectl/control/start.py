@@ -18,7 +18,7 @@ from scenectl.control.problem import Problem
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers import minimise
 from scenectl.generators.base import Step
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 
 UNKNOWNS = 3
 """A sample's move: x and z (m), and yaw about the vertical through the pivot (rad)."""

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 
 FEATURES = 263
 FPS = 20.0

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from scenes.errors import UserError, did_you_mean
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 
 # The order matters: a joint takes the first part that is there and not taken by a joint above it.
 _LIMBS: tuple[tuple[str, tuple[str, ...]], ...] = (

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from scenectl.data.corpus import Clip
 from scenectl.data.features import FPS, to_uniform_skeleton
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 
 _INDEX = {name: i for i, name in enumerate(HUMANML3D.names)}
 _LEGS = [[_INDEX[f"{side}_{part}"] for part in ("hip", "knee", "ankle", "foot")] for side in ("left", "right")]

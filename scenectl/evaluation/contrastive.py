@@ -14,8 +14,8 @@ from torch import Tensor, nn
 
 from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
-from scenectl.models.checkpoint import load_weights, read_about
-from scenectl.text import TextEncoder, load_text_encoder
+from scenectl.networks.checkpoint import load_weights, read_about
+from scenectl.networks.text import TextEncoder, load_text_encoder
 from scenes.errors import UserError
 
 FILE = "contrastive.safetensors"

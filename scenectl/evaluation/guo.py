@@ -25,7 +25,7 @@ from torch.nn.utils.rnn import pack_padded_sequence, pad_sequence
 from scenectl.data.features import CONTACTS, FEATURES, GROUPS, POSITIONS, ROTATIONS, VELOCITIES
 from scenectl.evaluation.guo_text import CLASSES, WORD, Vocabulary, read_array, read_tagged, tokens_of
 from scenectl.evaluation.motions import STRIDE, Padded
-from scenectl.models.schedule import MAX_FRAMES
+from scenectl.generators.mscot.schedule import MAX_FRAMES
 from scenes.errors import UserError
 
 PARTS = ("movement_encoder", "motion_encoder", "text_encoder")

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
-from scenectl.models.checkpoint import load_weights, read_about
+from scenectl.networks.checkpoint import load_weights, read_about
 from scenes.errors import UserError
 
 FILE = "kinds.safetensors"

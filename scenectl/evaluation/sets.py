@@ -12,11 +12,11 @@ from torch import Tensor
 from scenectl.data.features import FPS, features_to_joints, joints_to_features
 from scenectl.evaluation.motions import STRIDE
 from scenectl.generators import Generator, Progress
-from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES
-from scenectl.models.tokenizer import Tokenizer
+from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
 from scenectl.training.dataset import Windows
 from scenes.errors import UserError
-from scenes.motion import Motion, Pose2D
+from scenes.motion.motion import Motion, Pose2D
 
 
 @dataclass(frozen=True)

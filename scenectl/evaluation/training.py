@@ -15,12 +15,12 @@ from scenectl.evaluation import contrastive, kinds
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig
 from scenectl.evaluation.kinds import KindClassifier
 from scenectl.evaluation.motions import Padded
-from scenectl.models.checkpoint import save_weights
-from scenectl.models.schedule import MAX_FRAMES, MIN_FRAMES
-from scenectl.text import load_text_encoder
+from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
+from scenectl.generators.mscot.training.transformer import Captions
+from scenectl.networks.checkpoint import save_weights
+from scenectl.networks.text import load_text_encoder
 from scenectl.training.dataset import Windows, prepare
 from scenectl.training.loop import Figures, Loop, LoopSettings
-from scenectl.training.transformer import Captions
 
 MIRRORED = Augmentation(mirror=True, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
 

@@ -31,8 +31,8 @@ def load_generator(
     """
     import torch
 
-    from scenectl.generators.mscot import MSCoT, Sampling
-    from scenectl.models.bundle import load_bundle
+    from scenectl.generators.mscot.bundle import load_bundle
+    from scenectl.generators.mscot.sampling import MSCoT, Sampling
 
     if name not in GENERATORS:
         raise UserError(f"unknown generator '{name}'{did_you_mean(name, GENERATORS)}")

@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenes.motion import Motion, Pose2D
+from scenes.motion.motion import Motion, Pose2D
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done, 0 to 1."""
@@ -124,8 +124,8 @@ class Generator(Protocol):
 class Editor(Protocol):
     """A generator that can also make parts of a finished motion anew, and the rest as it was, or nearly so.
 
-    What is kept may come back with the generator's own error of reconstruction; `scenectl.editing.edit` puts the
-    original's frames back and smooths the seams, for any editor.
+    What is kept may come back with the generator's own error of reconstruction; `scenectl.pipeline.editing.edit`
+    puts the original's frames back and smooths the seams, for any editor.
     """
 
     def edit(

@@ -11,9 +11,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.features import POSITIONS
-from scenectl.models.linearised import LinearisedDecoder
-from scenectl.models.tokenizer import Tokenizer
-from scenes.motion import Motion
+from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.networks.linearised import LinearisedDecoder
+from scenes.motion.motion import Motion
 
 _READ = POSITIONS.stop
 """Features from which joints are recovered: the first so many."""
@@ -121,7 +121,7 @@ class LatentStep:
     @cached_property
     def _decoder(self) -> LinearisedDecoder:
         with torch.no_grad():
-            return LinearisedDecoder(self.tokenizer.decoder, self.latent(self.value), _READ)
+            return LinearisedDecoder(self.tokenizer.decoder.net, self.latent(self.value), _READ)
 
     @cached_property
     def _features(self) -> Float[Tensor, "S T c"]:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from scenectl.data.features import FPS
+from scenectl.generators.mscot.training.tokenizer import REVIVED
 from scenectl.training.loop import Loop
 from scenectl.training.recipe import Recipe
-from scenectl.training.tokenizer import REVIVED
 from scenes.files import atomic_write
 
 

@@ -9,22 +9,22 @@ from typing import Literal
 import torch
 from torch import nn
 
-from scenectl.models.bundle import METRIC, PARTS, build, load_bundle
-from scenectl.models.checkpoint import save_weights
-from scenectl.models.tokenizer import Tokenizer
-from scenectl.text import TextEncoder, load_text_encoder
+from scenectl.generators.mscot.bundle import METRIC, PARTS, build, load_bundle
+from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.generators.mscot.training.decoder import train_decoder
+from scenectl.generators.mscot.training.measures import measure_tokenizer
+from scenectl.generators.mscot.training.metric import measure_metric
+from scenectl.generators.mscot.training.refiner import train_refiner
+from scenectl.generators.mscot.training.tokenizer import reconstruction_error, train_tokenizer
+from scenectl.generators.mscot.training.transformer import cross_entropy_by_scale, train_transformer
+from scenectl.networks.checkpoint import save_weights
+from scenectl.networks.text import TextEncoder, load_text_encoder
 from scenectl.training.card import write_card
 from scenectl.training.dataset import Windows, census
-from scenectl.training.decoder import train_decoder
 from scenectl.training.loop import Loop, LoopSettings
-from scenectl.training.measures import measure_tokenizer
-from scenectl.training.metric import measure_metric
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, load_recipe
-from scenectl.training.refiner import train_refiner
 from scenectl.training.sources import is_humanml3d, windows
-from scenectl.training.tokenizer import reconstruction_error, train_tokenizer
-from scenectl.training.transformer import cross_entropy_by_scale, train_transformer
 from scenes.errors import UserError
 
 Stage = Literal["all", "tokenizer", "decoder", "refiner", "transformer", "export", "metric"]

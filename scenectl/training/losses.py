@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
 from scenectl.data.features import CONTACT_JOINTS, CONTACTS, ROOT_VELOCITY, YAW, features_to_joints
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 
 _FEET = HUMANML3D.indices(CONTACT_JOINTS)
 

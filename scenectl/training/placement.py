@@ -7,8 +7,8 @@ from typing import Literal
 
 import torch
 
-from scenectl.models.precision import cpu_has_bfloat16
-from scenectl.text import TextFeatures
+from scenectl.networks.precision import cpu_has_bfloat16
+from scenectl.networks.text import TextFeatures
 from scenes.errors import UserError, did_you_mean
 
 Precision = Literal["auto", "float32", "bfloat16"]

@@ -11,12 +11,12 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from scenectl.data.augment import Augmentation
-from scenectl.models.config import ModelConfig
-from scenectl.training.decoder import DecoderTraining
+from scenectl.generators.mscot.config import ModelConfig
+from scenectl.generators.mscot.training.decoder import DecoderTraining
+from scenectl.generators.mscot.training.refiner import RefinerTraining
+from scenectl.generators.mscot.training.tokenizer import TokenizerTraining
+from scenectl.generators.mscot.training.transformer import TransformerTraining
 from scenectl.training.placement import Precision
-from scenectl.training.refiner import RefinerTraining
-from scenectl.training.tokenizer import TokenizerTraining
-from scenectl.training.transformer import TransformerTraining
 from scenes.errors import UserError, did_you_mean
 
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scenectl.view.picture import Picture
-from scenes.scene import Scene
+from scenes.world.scene import Scene
 
 if TYPE_CHECKING:
-    from scenectl.runner import Result
+    from scenectl.pipeline.run import Result
 
 __all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_result", "of_scene"]
 
@@ -32,8 +32,8 @@ def of_result(result: Result, sample: int = 0) -> Picture:
 def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     """One motion of a folder that `scenectl run` wrote; raises UserError for another folder or a missing sample."""
     from objectives import Objective
-    from scenectl.runner import load_result
-    from scenectl.task import Task
+    from scenectl.pipeline.run import load_result
+    from scenectl.tasks.schema import Task
     from scenes.errors import UserError
 
     motion, report = load_result(folder)

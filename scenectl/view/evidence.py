@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from scenes.bake import Bake
-from scenes.signs import UNCERTAIN
+from scenes.sdf.bake import Bake
+from scenes.sdf.signs import UNCERTAIN
 
 _FINEST = 96  # blocks along an axis: finer ones cannot be told apart in a picture
 

@@ -19,16 +19,16 @@ from objectives.tracks import TrackBase
 from scenectl.view.camera import ANGLE, Camera, Sight, choose, triangles_to_vtk
 from scenectl.view.evidence import open_edges, uncertain_blocks
 from scenectl.view.shapes import BodyShape, components, face_colours, inward, soft_shadow
-from scenes.bake import Bake
-from scenes.body import DEFAULT_BODY, ProxyBody
+from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError
 from scenes.files import atomic_write
-from scenes.mesh import Mesh
-from scenes.motion import Motion
-from scenes.primitives import Plane
-from scenes.scene import Scene
-from scenes.signs import UNCERTAIN
-from scenes.surface import Surface
+from scenes.mesh.mesh import Mesh
+from scenes.mesh.primitives import Plane
+from scenes.mesh.surface import Surface
+from scenes.motion.motion import Motion
+from scenes.sdf.bake import Bake
+from scenes.sdf.signs import UNCERTAIN
+from scenes.world.scene import Scene
 
 SIZE = (1600, 1000)
 _BACK, _HORIZON = "#f4f2ee", "#dfe5ea"

@@ -10,8 +10,8 @@ import numpy as np
 from scenectl.view.camera import Sight, choose, triangles_to_vtk
 from scenectl.view.picture import SIZE, add_light, load_pyvista, look_from, set_stage, write_png
 from scenectl.view.shapes import CLAY
-from scenes.proxies import Proxies
-from scenes.rig import Rig
+from scenes.body.proxies import Proxies
+from scenes.body.rig import Rig
 
 _COLOURS = ("#2f7d6b", "#c8642b", "#3f6fb0", "#a5842a", "#7a5ea8", "#b0446a")
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from scenes.body import ProxyBody
-from scenes.mesh import Mesh
-from scenes.surface import Surface
+from scenes.body.body import ProxyBody
+from scenes.mesh.mesh import Mesh
+from scenes.mesh.surface import Surface
 
 CLAY = (216, 211, 203)
 """Colour of meshes that bring none."""

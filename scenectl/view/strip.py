@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scenes.files import atomic_write
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 
 _LEFT, _RIGHT, _TRUNK = "#2f6fb0", "#c0392b", "#3a3a3a"
 _VIEW = np.deg2rad(50.0)

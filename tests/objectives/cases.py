@@ -12,9 +12,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context
-from scenes.body import Segments
-from scenes.motion import Motion
-from scenes.skeleton import HUMANML3D
+from scenes.body.body import Segments
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from objectives import Objective, Term, diagnosis
-from scenes.motion import Motion
-from scenes.skeleton import HUMANML3D
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D
 from tests.objectives.cases import context, standing
 
 

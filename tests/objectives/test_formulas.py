@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from objectives import ArrayTrack, Context, Term
-from scenes.body import DEFAULT_BODY
-from scenes.motion import Motion
-from scenes.primitives import Box
-from scenes.scene import Scene
-from scenes.skeleton import HUMANML3D
+from scenes.body.body import DEFAULT_BODY
+from scenes.mesh.primitives import Box
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D
+from scenes.world.scene import Scene
 from tests.objectives.cases import Ball, Joints, context, standing, wandering
 
 J = len(HUMANML3D.names)

@@ -14,7 +14,7 @@ from torch.autograd import forward_ad
 
 from objectives import Context, Masked, Objective, Term, forget, goal
 from scenes.errors import UserError
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 from tests.objectives.cases import Joints, context, standing, wandering
 
 

@@ -9,7 +9,7 @@ import torch
 
 from objectives import Objective, Term
 from objectives.library.paths import path_distance, path_point
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 from tests.objectives.cases import context, standing
 
 BEND = [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.5, 1.0]]

@@ -10,7 +10,7 @@ import torch
 
 from objectives import Masked, Objective, Term, forget, get_goal, goal, goals
 from scenes.errors import UserError
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 from tests.objectives.cases import context, wandering
 
 

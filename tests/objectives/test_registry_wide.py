@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from objectives import Objective, Term, goals
-from scenes.motion import Motion
+from scenes.motion.motion import Motion
 from tests.objectives.cases import EXAMPLES, SATISFIED, context, standing, wandering
 
 CASES = [

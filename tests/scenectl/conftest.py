@@ -38,7 +38,7 @@ def tiny_generator(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def scenectl(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
     """Run the command line: exit status, standard output and standard error."""
-    from scenectl.cli import main
+    from scenectl.cli.app import main
 
     def run(*arguments: object) -> Said:
         monkeypatch.setattr(sys, "argv", ["scenectl", *map(str, arguments)])

@@ -10,11 +10,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.features import joints_to_features, rotation_about_y
-from scenectl.models.bundle import Bundle, build
-from scenectl.models.config import ModelConfig, RefinerConfig, TokenizerConfig, TransformerConfig
-from scenectl.models.tokenizer import Quantiser
-from scenectl.text import TextFeatures
-from scenes.skeleton import HUMANML3D
+from scenectl.generators.mscot.bundle import Bundle, build
+from scenectl.generators.mscot.config import ModelConfig, RefinerConfig, TokenizerConfig, TransformerConfig
+from scenectl.generators.mscot.networks.tokenizer import Quantiser
+from scenectl.networks.text import TextFeatures
+from scenes.motion.skeleton import HUMANML3D
 
 SCALES = (1, 2, 3, 5)
 TOKENIZER = TokenizerConfig(width=16, depth=2, code_dim=16, codes=16, scales=SCALES, scale_convs=3)

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.generators.base import Generation, Guide, Progress
-from scenes.motion import Motion, Pose2D
-from scenes.skeleton import HUMANML3D
+from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import HUMANML3D
 
 
 def statue() -> Float[Tensor, "22 3"]:

@@ -9,13 +9,13 @@ from torch import Tensor
 from objectives import Assessed, Context, Objective, Term
 from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
 from scenectl.generators.base import Guide, Step
-from scenectl.generators.mscot import MSCoT, _State
+from scenectl.generators.mscot.sampling import MSCoT, _State
+from scenectl.generators.mscot.windows import Windows
 from scenectl.generators.steps import DecodedStep
-from scenectl.generators.windows import Windows
-from scenes.body import DEFAULT_BODY
-from scenes.motion import Motion, Pose2D
-from scenes.primitives import Box
-from scenes.scene import Scene
+from scenes.body.body import DEFAULT_BODY
+from scenes.mesh.primitives import Box
+from scenes.motion.motion import Motion, Pose2D
+from scenes.world.scene import Scene
 from tests.objectives.cases import context
 from tests.scenectl.small import bundle, double, walk
 from tests.scenectl.tiny import TinyStep

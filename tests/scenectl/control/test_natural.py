@@ -12,11 +12,11 @@ from scenectl.control import ObjectiveGuide, SolverSettings
 from scenectl.control import natural as body
 from scenectl.control.natural import LENIENT, STRICT, Leniency, Natural, bone_errors, leads, stretches
 from scenectl.generators import load_generator
-from scenectl.metrics import skating_ratio
-from scenes.body import DEFAULT_BODY
-from scenes.motion import Motion, Pose2D
-from scenes.scene import Scene
-from scenes.skeleton import HUMANML3D
+from scenectl.measures.metrics import skating_ratio
+from scenes.body.body import DEFAULT_BODY
+from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import HUMANML3D
+from scenes.world.scene import Scene
 from tests.objectives.cases import standing
 
 CONTEXT = Context(Scene.empty(), DEFAULT_BODY)

@@ -14,10 +14,10 @@ from scenectl.control.polish import REACH, SmoothStep, bearable, loosened
 from scenectl.control.problem import Solution
 from scenectl.generators.base import Generation, Step
 from scenectl.generators.steps import DecodedStep
-from scenectl.metrics import max_acceleration, skating_ratio
-from scenes.body import DEFAULT_BODY
-from scenes.motion import Motion
-from scenes.scene import Scene
+from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenes.body.body import DEFAULT_BODY
+from scenes.motion.motion import Motion
+from scenes.world.scene import Scene
 from tests.scenectl.small import walk
 
 CONTEXT = Context(Scene.empty(), DEFAULT_BODY)

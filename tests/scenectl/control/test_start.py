@@ -14,10 +14,10 @@ from scenectl.control import FreeStart, ObjectiveGuide, SolverSettings
 from scenectl.control.start import MovedStep
 from scenectl.generators import load_generator
 from scenectl.generators.base import Step
-from scenectl.runner import run
-from scenectl.task import Start, Task, load_task, start_of
+from scenectl.pipeline.run import run
+from scenectl.tasks.schema import Start, Task, load_task, start_of
 from scenes.errors import UserError
-from scenes.motion import Motion, Pose2D
+from scenes.motion.motion import Motion, Pose2D
 from tests.objectives.cases import context, wandering
 from tests.scenectl.control.test_guide import step
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from scenectl.data import features as f
 from scenes.errors import UserError
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 
 AGREED = 90
 """Rows of the reference that a conversion of the published joints can reach: the source's last frame is not published,

@@ -12,7 +12,7 @@ from torch import Tensor
 from scenectl.data.corpus import Clip
 from scenectl.data.features import canonicalise, to_uniform_skeleton
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 from tests.scenectl.small import walk
 
 PELVIS, HEAD, FEET = 0, 15, [10, 11]

@@ -14,7 +14,7 @@ from scenectl.evaluation.evaluator import Evaluator, load_evaluator
 from scenectl.evaluation.kinds import Confusion, KindClassifier, load_classifier
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
 from scenectl.evaluation.training import EvaluatorTraining, train_evaluator
-from scenectl.models.checkpoint import save_weights
+from scenectl.networks.checkpoint import save_weights
 from scenectl.training.loop import LoopSettings
 from scenes.errors import UserError
 from tests.scenectl.small import Words, walk

@@ -9,10 +9,10 @@ from objectives import Objective, Term
 from scenectl.control.problem import Linearisation
 from scenectl.control.residuals import Residuals
 from scenectl.generators.base import Step
-from scenectl.generators.mscot import MSCoT, _State
+from scenectl.generators.mscot.sampling import MSCoT, _State
+from scenectl.generators.mscot.windows import Windows
 from scenectl.generators.steps import DecodedStep, LatentStep
-from scenectl.generators.windows import Windows
-from scenes.motion import Pose2D
+from scenes.motion.motion import Pose2D
 from tests.objectives.cases import context
 from tests.scenectl.small import bundle, double
 

@@ -16,7 +16,7 @@ from scenectl.data.augment import Augmentation, augmented
 from scenectl.data.corpus import CREDITS, Clip, bent, load_motions, mirrored, retimed
 from scenectl.data.features import canonicalise, to_uniform_skeleton
 from scenes.errors import UserError
-from scenes.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D
 from tests.scenectl.small import walk
 from tests.scenectl.training.folder import walks, write_folder
 

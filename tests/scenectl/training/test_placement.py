@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from scenectl.models.precision import cpu_has_bfloat16
+from scenectl.networks.precision import cpu_has_bfloat16
 from scenectl.training.command import train
 from scenectl.training.loop import Loop
 from scenectl.training.placement import Placement, place
 from scenes.errors import UserError
+from tests.scenectl.generators.mscot.training.test_train import TINY, Killed, weights_of
 from tests.scenectl.training.folder import same, walks
-from tests.scenectl.training.test_train import TINY, Killed, weights_of
 
 
 def test_a_cpu_computes_in_bfloat16_only_where_it_has_instructions_for_it(tmp_path: Path) -> None:

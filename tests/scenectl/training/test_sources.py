@@ -12,13 +12,13 @@ import torch
 
 from scenectl.data.augment import Augmentation
 from scenectl.data.features import joints_to_features
-from scenectl.models.checkpoint import read_about
+from scenectl.networks.checkpoint import read_about
 from scenectl.training.command import train
 from scenectl.training.sources import HUMANML3D, is_humanml3d, windows
 from scenes.errors import UserError
+from tests.scenectl.generators.mscot.training.test_train import TINY
 from tests.scenectl.small import walk
 from tests.scenectl.training.folder import walks
-from tests.scenectl.training.test_train import TINY
 
 
 @pytest.fixture

@@ -1,0 +1,165 @@
+"""Targets that no body can meet, or that are noise: does the motion stay a person's, and is the culprit named?"""
+
+from __future__ import annotations
+
+import re
+import statistics
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from objectives import Objective, Term, diagnosis
+from scenectl.bench.control.keyframes import ON_FLOOR, usable_clips
+from scenectl.control import ObjectiveGuide, SolverSettings
+from scenectl.control.natural import LIFT, STRETCH, Natural, bone_errors
+from scenectl.data.features import FPS, canonicalise
+from scenectl.generators.base import Generator, Progress
+from scenectl.generators.mscot.schedule import MAX_FRAMES
+from scenectl.measures.metrics import max_acceleration
+from scenes.motion.motion import Motion, Pose2D
+
+KINDS = ("too high", "under the floor", "too far", "torn apart", "noisy")
+NOISE = 0.15
+"""Standard deviation (m) of every coordinate of noisy targets."""
+TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class _Ask:
+    """Targets of a test motion, some of them spoilt.
+
+    Attributes:
+        culprits: numbers of the spoilt ones, from 1, by term; none where all are noise.
+    """
+
+    terms: tuple[Term, ...]
+    culprits: tuple[tuple[str, int], ...]
+
+
+def bench_implausible(
+    generator: Generator,
+    data: str | Path,
+    clips: int = 8,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Five keyframes of a wrist, a foot or the pelvis from a test motion, spoilt in one of `KINDS` of ways.
+
+    Every case is made three times from one seed: without control, with goals and the body's cost
+    (`SolverSettings.natural`), and with goals alone, as the paper has it.
+
+    Args:
+        generator: what makes the motions.
+        data: folder of the motion collection.
+        clips: test clips for each kind.
+        seed: of clips, frames and motions.
+        progress: called with what is being done and the fraction done.
+
+    Returns:
+        ``{"summary", "rows"}``, a row for each case and way (`natural`, `goals alone`): bone errors (mean distance of
+        bones from the skeleton's lengths over bones and frames, and the same of the worst frame) beside the
+        uncontrolled motion's, how far (m) a foot is lifted that stood in the motion before refinement, and whether the
+        diagnosis names the spoilt target.
+    """
+    tell = progress or (lambda what, done: None)
+    draw = torch.Generator().manual_seed(seed)
+    usable = [clip for clip in usable_clips(data) if clip.source == "bandai"] or usable_clips(data)
+    rows: list[dict[str, Any]] = []
+    for kind in KINDS:
+        for number, i in enumerate(torch.randperm(len(usable), generator=draw)[:clips].tolist()):
+            tell(kind, (len(rows) / 2) / (len(KINDS) * clips))
+            clip = usable[i]
+            real = Motion(canonicalise(clip.joints[:MAX_FRAMES]))
+            ask = _asked(kind, real, draw)
+            rows += _case(generator, kind, clip.captions[0], real, ask, seed + number)
+    return {"summary": _summary(rows), "rows": rows}
+
+
+def _asked(kind: str, real: Motion, draw: torch.Generator) -> _Ask:
+    at = torch.randperm(real.frames - 1, generator=draw)[:5].sort().values + 1
+    joint = {"under the floor": "left_foot", "too far": "pelvis"}.get(kind, "left_wrist")
+    wanted = real.joint(joint)[at].clone()
+    spoilt = int(torch.randint(1, 4, (), generator=draw))  # never an end: that one has room on one side
+    name = "joint_target"
+    if kind == "noisy":
+        wanted += NOISE * torch.randn(wanted.shape, generator=draw)
+        return _Ask((_term(name, joint, wanted, at),), ())
+    if kind == "torn apart":
+        other = real.joint("right_wrist")[at[spoilt]][None] + torch.tensor([3.0, 0.0, 0.0])
+        terms = (_term(name, joint, wanted, at), _term("right hand", "right_wrist", other, at[spoilt][None]))
+        return _Ask(terms, ((name, spoilt + 1), ("right hand", 1)))
+    wanted[spoilt] += torch.tensor(
+        {"too high": [0.0, 2.5, 0.0], "under the floor": [0.0, -0.6, 0.0]}.get(kind, [4, 0, 0])
+    )
+    return _Ask((_term(name, joint, wanted, at),), ((name, spoilt + 1),))
+
+
+def _term(name: str, joint: str, wanted: Float[Tensor, "K 3"], at: Tensor) -> Term:
+    target = {"joint": joint, "position": wanted.tolist()}
+    return Term("joint_target", target, tolerance=TOLERANCE, at=(at / FPS).tolist(), name=name)
+
+
+def _case(generator: Generator, kind: str, prompt: str, real: Motion, ask: _Ask, seed: int) -> list[dict[str, Any]]:
+    def make(guide: ObjectiveGuide | None) -> Any:
+        return generator.generate(prompt, real.frames / FPS, Pose2D(), guide, 1, seed)
+
+    objective = Objective(ask.terms)
+    free = make(None).motion
+    rows = []
+    for way, settings in (("natural", SolverSettings()), ("goals alone", SolverSettings(natural=False))):
+        guide = ObjectiveGuide(objective, ON_FLOOR, settings)
+        began = time.perf_counter()
+        made = make(guide)
+        seconds = time.perf_counter() - began
+        assert made.unrefined is not None and guide.solution is not None
+        natural = Natural(objective, made.unrefined, ON_FLOOR)
+        sentence = diagnosis(objective, made.motion[0], ON_FLOOR) or ""
+        rows.append({
+            "kind": kind,
+            "way": way,
+            "frames": real.frames,
+            "ended": guide.solution.reasons[0],
+            "bone_error_m": bone_errors(made.motion).mean().item(),
+            "bone_error_free_m": bone_errors(free).mean().item(),
+            "worst_frame_m": bone_errors(made.motion).amax().item(),
+            "worst_frame_free_m": bone_errors(free).amax().item(),
+            "lift_m": float(natural.lift(made.motion)),
+            "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
+            "max_acceleration_free_m_per_frame2": float(max_acceleration(free[0])),
+            "named": not ask.culprits or any(_names(sentence, *culprit) for culprit in ask.culprits),
+            "seconds": seconds,
+            "diagnosis": sentence,
+        })  # fmt: skip
+    return rows
+
+
+def _names(sentence: str, term: str, number: int) -> bool:
+    """Whether a diagnosis begins with that target."""
+    which = r"the target" if term != "joint_target" else rf"target {number}\b"
+    return re.match(rf"({re.escape(term)}: )?{which}", sentence) is not None
+
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {"cases": len(rows) // 2}
+    for way in ("natural", "goals alone"):
+        mine = [row for row in rows if row["way"] == way]
+        found[way] = {
+            "bone_error_above_free_m": max(row["bone_error_m"] - row["bone_error_free_m"] for row in mine),
+            "worst_frame_above_free_m": max(row["worst_frame_m"] - row["worst_frame_free_m"] for row in mine),
+            "bone_error_kept": _share(mine, lambda r: r["bone_error_m"] - r["bone_error_free_m"] <= STRETCH),
+            "lift_m": max(row["lift_m"] for row in mine),
+            "feet_kept": _share(mine, lambda r: r["lift_m"] <= LIFT),
+            "named": _share(mine, lambda r: r["named"]),
+            "median_seconds": statistics.median(row["seconds"] for row in mine),
+        }
+    return found
+
+
+def _share(rows: Sequence[Mapping[str, Any]], holds: Any) -> float:
+    return statistics.fmean(bool(holds(row)) for row in rows)

@@ -1,0 +1,178 @@
+"""Any-joint-any-time control on recorded motions: five random keyframes of one joint (protocol of OmniControl)."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from objectives import Context, Objective, Term
+from scenectl.control import ObjectiveGuide, SolverSettings
+from scenectl.data.corpus import Clip, load_motions
+from scenectl.data.features import FPS, canonicalise
+from scenectl.generators.base import Generation, Generator, Guide, Progress
+from scenectl.generators.mscot.schedule import MAX_FRAMES
+from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenes.body.body import DEFAULT_BODY
+from scenes.errors import UserError
+from scenes.motion.motion import Motion, Pose2D
+from scenes.world.scene import Scene
+
+JOINTS = ("pelvis", "left_foot", "right_foot", "head", "left_wrist", "right_wrist")
+DENSITIES: dict[str, int | float] = {"1": 1, "2": 2, "5": 5, "25%": 0.25, "100%": 1.0}
+"""Keyframes, as a number, or as a share of the frames where it is a float."""
+FAILED = 0.5
+"""A keyframe missed by more than this (m) counts as a location error."""
+SHORTEST = 64
+FLOOR = -DEFAULT_BODY.sole_offset
+"""Height (m) of the floor in HumanML3D's frame: the lowest foot joint is at 0, and soles are below it."""
+ON_FLOOR = Context(Scene.empty(FLOOR), DEFAULT_BODY)
+"""The body on that floor, and nothing else."""
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """One joint of a recorded motion at some frames, to be met by a motion of the same caption and length.
+
+    Attributes:
+        clip: the recording, of which the first 196 frames count.
+        joint: its name.
+        at: the frames, in order.
+        seed: of the motion.
+    """
+
+    clip: Clip
+    joint: str
+    at: Int[Tensor, " K"]
+    seed: int
+
+    @classmethod
+    def drawn(cls, clip: Clip, joint: str, density: int | float, draw: torch.Generator, seed: int) -> Keyframes:
+        """At random frames: so many, or such a share of them where it is a float."""
+        frames = min(clip.frames, MAX_FRAMES)
+        number = max(1, round(density * frames)) if isinstance(density, float) else density
+        return cls(clip, joint, torch.randperm(frames, generator=draw)[:number].sort().values, seed)
+
+    @cached_property
+    def real(self) -> Motion:
+        """The recording, over the origin at first and facing +z."""
+        return Motion(canonicalise(self.clip.joints[:MAX_FRAMES]))
+
+    @property
+    def wanted(self) -> Float[Tensor, "K 3"]:
+        """Places, m."""
+        return self.real.joint(self.joint)[self.at]
+
+    def goal(self, tolerance: float) -> Term:
+        """To be there within a tolerance (m)."""
+        target = {"joint": self.joint, "position": self.wanted.tolist()}
+        return Term("joint_target", target, tolerance=tolerance, at=[frame / FPS for frame in self.at.tolist()])
+
+    def guide(
+        self,
+        solver: SolverSettings,
+        tolerance: float = 0.002,
+        context: Context = ON_FLOOR,
+        besides: tuple[Term, ...] = (),
+    ) -> ObjectiveGuide:
+        """To the keyframes, and to what is asked for besides."""
+        return ObjectiveGuide(Objective((self.goal(tolerance), *besides)), context, solver)
+
+    def generate(self, generator: Generator, guide: Guide | None) -> Generation:
+        """One motion by the recording's caption."""
+        seconds = self.real.frames / FPS
+        return generator.generate(self.clip.captions[0], seconds, Pose2D(), guide, 1, self.seed)
+
+    def errors(self, motion: Motion) -> Float[Tensor, " K"]:
+        """Distances (m) of one motion ``[1, T, J, 3]`` from the keyframes."""
+        return (motion[0].joint(self.joint)[self.at] - self.wanted).norm(dim=-1)
+
+
+def bench_keyframes(
+    generator: Generator,
+    data: str | Path,
+    clips: int = 36,
+    keyframes: int = 5,
+    seed: int = 0,
+    solver: SolverSettings | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Targets from test clips of 64 to 196 frames, one joint each in turn, beside the same prompt without control.
+
+    Args:
+        generator: what makes the motions.
+        data: folder of the motion collection.
+        clips: how many test clips.
+        keyframes: targets in each, at random frames.
+        seed: of clips, frames and motions.
+        solver: instead of the default.
+        progress: called with what is being done and the fraction done.
+
+    Returns:
+        ``{"summary": ..., "rows": ...}``; metres, seconds, ratios.
+    """
+    tell = progress or (lambda what, done: None)
+    draw = torch.Generator().manual_seed(seed)
+    usable = usable_clips(data)
+    rows = []
+    for i, number in enumerate(chosen := torch.randperm(len(usable), generator=draw)[:clips].tolist()):
+        joint = JOINTS[i % len(JOINTS)]
+        tell(f"keyframes: {joint}", i / len(chosen))
+        asked = Keyframes.drawn(usable[number], joint, keyframes, draw, seed + i)
+        rows.append(_row(generator, asked, solver or SolverSettings()))
+    return {"summary": {"clips": len(rows), "keyframes": keyframes, **_summary(rows)}, "rows": rows}
+
+
+def usable_clips(data: str | Path, shortest: int = SHORTEST) -> list[Clip]:
+    """Captioned test clips of so many frames or more; raises UserError where there is none."""
+    usable = [clip for clip in load_motions(data, ("test",)) if clip.frames >= shortest and clip.captions]
+    if not usable:
+        raise UserError(f"'{data}' has no captioned test clip of {shortest} frames or more")
+    return usable
+
+
+def _row(generator: Generator, asked: Keyframes, solver: SolverSettings) -> dict[str, Any]:
+    free = asked.generate(generator, None).motion
+    guide = asked.guide(solver)
+    began = time.perf_counter()
+    made = asked.generate(generator, guide)
+    seconds = time.perf_counter() - began
+    assert made.unrefined is not None
+    error = asked.errors(made.motion)
+    return {
+        "clip": asked.clip.id,
+        "source": asked.clip.source,
+        "joint": asked.joint,
+        "frames": asked.real.frames,
+        "average_error_m": float(error.mean()),
+        "location_error": float((error > FAILED).float().mean()),
+        "trajectory_error": float((error > FAILED).any()),
+        "guided_only_error_m": float(asked.errors(made.unrefined).mean()),
+        "uncontrolled_error_m": float(asked.errors(free).mean()),
+        "skating_ratio": float(skating_ratio(made.motion[0])),
+        "uncontrolled_skating_ratio": float(skating_ratio(free[0])),
+        "real_skating_ratio": float(skating_ratio(asked.real)),
+        "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
+        "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free[0])),
+        "real_max_acceleration_m_per_frame2": float(max_acceleration(asked.real)),
+        "seconds": seconds,
+    }
+
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    figures = [key for key, value in rows[0].items() if isinstance(value, float) and key != "seconds"]
+    means = {key: statistics.fmean(row[key] for row in rows) for key in figures}
+    by_joint = {
+        joint: statistics.fmean(row["average_error_m"] for row in rows if row["joint"] == joint)
+        for joint in JOINTS
+        if any(row["joint"] == joint for row in rows)
+    }
+    return {**means, "median_seconds": statistics.median(row["seconds"] for row in rows), "error_by_joint_m": by_joint}

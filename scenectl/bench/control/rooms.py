@@ -1,0 +1,218 @@
+"""Random walks through scanned rooms: how often the target is reached and nothing is touched."""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from scenectl.control import SolverSettings
+from scenectl.control.natural import stretches
+from scenectl.generators.base import Generator, Progress
+from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
+from scenectl.measures.metrics import path_length as way_over_floor
+from scenectl.pipeline.run import run
+from scenectl.tasks.schema import Start, Task, Walk
+from scenes.errors import UserError
+from scenes.motion.motion import Motion
+from scenes.world.floor import FreeArea, free_area, path_length
+from scenes.world.scene import Scene, bundled, load_scene
+
+PROMPT = "a person walks forward"
+REACHED = 0.10
+"""Distance (m, on the floor) from the pelvis at the last frame to the target that counts as reached."""
+DEEP = 0.02
+"""A frame is clean when nothing is deeper than this (m), in obstacles or the floor."""
+SHORTEST_PATH, LONGEST_PATH = 1.0, 4.0
+FALLBACK = ("living_room", "pillars", "corridor")
+"""Bundled scenes to walk in where no mesh is named."""
+LOW = {"corridor": (1.4, "a person walks forward and ducks")}
+"""Scenes in which one ducks: the height (m) that is free along the path, and the prompt."""
+UPRIGHT = 1.8
+CLOSE, SHALLOW, QUICK = 0.05, 0.01, 1.0
+"""What a task shall keep to: metres from the target, metres deep in anything at worst, seconds to make it."""
+TRIES = 200
+"""Draws a task after which a room counts as too small to walk in."""
+
+GOALS: tuple[dict[str, Any], ...] = (
+    {"use": "sdf_penetration", "margin": 0.03, "kernel": "squared", "reduction": "sum", "weight": 300.0},
+    {"use": "foot_contact", "kernel": "squared", "reduction": "sum", "weight": 100.0},
+)
+"""What a walk shall respect besides its path: a body's distance from the scene, and feet on the ground."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """A scene to walk in, prepared once.
+
+    Attributes:
+        height: free along paths (m); less than a person's where there is something to duck under.
+        prompt: of its walks.
+        rejected: how many random tasks were thrown away, by reason.
+    """
+
+    name: str
+    scene: Scene
+    area: FreeArea
+    scorer: Scorer
+    height: float
+    prompt: str
+    rejected: Counter[str]
+
+
+def bench_rooms(
+    generator: Generator,
+    meshes: Sequence[str | Path] = (),
+    tasks: int = 50,
+    seed: int = 0,
+    samples: int = 4,
+    radius: float = 0.35,
+    solver: SolverSettings | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Walk through each mesh `tasks` times.
+
+    Args:
+        generator: what makes the motions.
+        meshes: scans or models in metres, y up; the bundled scenes `FALLBACK` where none is given.
+        tasks: walks in each room.
+        seed: of starts, targets and motions.
+        samples: motions made for each task, of which the best by the objective is scored; refinement ends by default as
+            soon as one of them meets all goals.
+        radius: clearance (m) of starts, targets and paths.
+        solver: instead of the default.
+        progress: called with what is being done and the fraction done.
+
+    Returns:
+        ``{"summary": ..., "rows": ...}``; metres, seconds, ratios.
+
+    Raises:
+        UserError: an unreadable mesh, or a room with no space to walk.
+    """
+    tell = progress or (lambda what, done: None)
+    rows: list[dict[str, Any]] = []
+    rejected: dict[str, dict[str, int]] = {}
+    for scene in _scenes(meshes):
+        height, prompt = LOW.get(scene.name, (UPRIGHT, PROMPT))
+        area = free_area(scene, radius, height)
+        room = Room(scene.name, scene, area, Scorer(scene), height, prompt, Counter())
+        for i, task in enumerate(_tasks(room, tasks, seed, radius, solver or SolverSettings(enough=1))):
+            tell(room.name, i / tasks)
+            rows.append({"mesh": room.name, "task": i, **_walk(room, task, generator, samples, seed + i)})
+        rejected[room.name] = dict(room.rejected)
+    return {"summary": {**_summary(rows), "rejected": rejected, "body": Scorer(scene).body.source}, "rows": rows}
+
+
+def _scenes(meshes: Sequence[str | Path]) -> Iterator[Scene]:
+    if meshes:
+        yield from (load_scene(mesh) for mesh in meshes)
+    else:
+        yield from (bundled(name) for name in FALLBACK)
+
+
+def _tasks(room: Room, count: int, seed: int, radius: float, solver: SolverSettings) -> Iterator[Task]:
+    """Random starts and targets in the free area whose shortest clear path is of walking length."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        start, target = _places(room, rng, radius)
+        yield Task(
+            prompt=room.prompt,
+            scene=room.scene,
+            start=Start(position=(start[0], start[1])),
+            walk=Walk(to=(target[0], target[1]), radius=radius, height=room.height, tolerance=CLOSE),
+            goals=GOALS,
+            solver=solver,
+        )
+
+
+def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[float], list[float]]:
+    for _ in range(TRIES):
+        start, target = room.area.sample(2, rng, radius).tolist()
+        if not SHORTEST_PATH <= float(np.hypot(start[0] - target[0], start[1] - target[1])) <= LONGEST_PATH:
+            room.rejected["too near or too far as the crow flies"] += 1
+            continue
+        try:
+            length = path_length(room.area.path(start, target, radius))
+        except UserError:
+            room.rejected["no clear path"] += 1
+            continue
+        if length <= LONGEST_PATH:
+            return start, target
+        room.rejected["path too long"] += 1
+    raise UserError(f"room '{room.name}' has no two free places a walk apart for a body of {radius:g} m radius")
+
+
+def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
+    assert task.walk is not None
+    problem = task.build(seed, scene=room.scene)
+    free = generator.generate(task.prompt, problem.seconds, problem.start, None, 1, seed).motion[0]
+    result = run(task, samples, seed, generator, None, problem, room.scorer)
+    motion, path = result.motion[0], result.problem.path
+    assert path is not None
+    missed = _missed(motion, task.walk.to)
+    figures = result.samples[0].metrics
+    depth = max(float(figures[key] or 0.0) for key in ("deepest_penetration_m", "deepest_floor_penetration_m"))
+    seconds = result.report["timing"]["generate_s"]
+    return {
+        "start": [float(path[0, 0]), float(path[0, 2])],
+        "target": list(task.walk.to),
+        "planned_path_m": path_length(path),
+        "seconds_of_motion": result.problem.seconds,
+        "missed_m": missed,
+        "reached": missed <= REACHED,
+        "clean": depth <= DEEP,
+        "success": missed <= REACHED and depth <= DEEP,
+        "close": missed <= CLOSE,
+        "shallow": depth <= SHALLOW,
+        "quick": seconds <= QUICK,
+        "worst_bone_m": float(stretches(motion).abs().max()),
+        "uncontrolled_worst_bone_m": float(stretches(free).abs().max()),
+        "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
+        **figures,
+        "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
+        "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
+        "uncontrolled_pace_m_per_s": float(way_over_floor(free)) * free.fps / (free.frames - 1),
+        "seconds": seconds,
+    }
+
+
+def _missed(motion: Motion, target: tuple[float, float]) -> float:
+    end = motion.joint("pelvis")[-1, [0, 2]]
+    return float((end - torch.tensor(target)).norm())
+
+
+_JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2")
+_NATURAL = tuple(f"{way}{key}" for key in _JUDGED for way in ("", "uncontrolled_"))
+
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def share(key: str) -> float:
+        return sum(bool(row[key]) for row in rows) / max(len(rows), 1)
+
+    return {
+        "tasks": len(rows),
+        "reached_rate": share("reached"),
+        "clean_rate": share("clean"),
+        "success_rate": share("success"),
+        "within_5_cm_rate": share("close"),
+        "within_1_cm_deep_rate": share("shallow"),
+        "within_1_s_rate": share("quick"),
+        "sole_on_floor_rate": share("sole_on_floor"),
+        "deepest_penetration_m": max(row["deepest_penetration_m"] for row in rows),
+        "deepest_floor_penetration_m": max(row["deepest_floor_penetration_m"] for row in rows),
+        "mean_share_of_frames_touching": statistics.fmean(row["share_of_frames_touching"] for row in rows),
+        **{key: statistics.fmean(row[key] for row in rows) for key in _NATURAL},
+        **{f"{way}worst_bone_m": max(row[f"{way}worst_bone_m"] for row in rows) for way in ("", "uncontrolled_")},
+        "median_uncontrolled_pace_m_per_s": statistics.median(row["uncontrolled_pace_m_per_s"] for row in rows),
+        "median_seconds": statistics.median(row["seconds"] for row in rows),
+        "by_mesh": {
+            mesh: sum(row["success"] for row in rows if row["mesh"] == mesh) / sum(row["mesh"] == mesh for row in rows)
+            for mesh in dict.fromkeys(row["mesh"] for row in rows)
+        },
+    }

@@ -1,0 +1,84 @@
+"""A page of what a generator makes of twelve prompts, three samples each, and of what pose edits make of a walk."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+from scenectl.data.corpus import load_motions
+from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
+from scenectl.generators import Generator, Progress
+from scenectl.measures.metrics import max_acceleration, path_length, skating_ratio
+from scenectl.view.strip import draw_strips
+from scenes.errors import UserError
+from scenes.files import atomic_write
+from scenes.motion.motion import Motion, Pose2D
+
+PROMPTS = (
+    ("a person walks forward.", 5.0),
+    ("a person walks forward and turns left.", 5.0),
+    ("a person runs forward.", 3.0),
+    ("a person walks forward in a crouch.", 5.0),
+    ("a person walks forward and ducks under something.", 5.0),
+    ("a person sidesteps to the left.", 4.0),
+    ("a person waves with the right hand.", 4.0),
+    ("a person raises both hands.", 4.0),
+    ("a person bows.", 4.0),
+    ("a person walks forward and reaches up with the left hand.", 5.0),
+    ("a person squats down.", 3.0),
+    ("a person sits down on a chair.", 4.0),
+)
+"""Twelve prompts with their seconds: easy ones first, some that are in no data last."""
+
+
+def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, tell: Progress | None = None) -> Path:
+    """Write a picture for each prompt and `README.md` with the figures of every sample; returns the page.
+
+    Args:
+        generator: what is shown.
+        folder: made where it does not exist.
+        samples: motions a prompt.
+        seed: of the motions.
+        tell: called with what is being done and the share done.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = [f"# Twelve prompts, {samples} samples each", "", f"Seed {seed}; nothing is picked.", ""]
+    for i, (prompt, seconds) in enumerate(PROMPTS):
+        if tell is not None:
+            tell(prompt, i / len(PROMPTS))
+        motion = generator.generate(prompt, seconds, Pose2D(), samples=samples, seed=seed).motion
+        name = f"{i + 1:02d}.png"
+        draw_strips([(f"sample {s + 1}", motion.joints[s].numpy()) for s in range(samples)], folder / name)
+        lines += [f"## {i + 1}. {prompt}", "", f"![{prompt}]({name})", "", *_figures(motion), ""]
+    page = folder / "README.md"
+    with atomic_write(page, "w") as file:
+        file.write("\n".join(lines))
+    return page
+
+
+def _figures(motion: Motion) -> list[str]:
+    rows = zip(
+        path_length(motion).tolist(),
+        skating_ratio(motion).tolist(),
+        max_acceleration(motion).tolist(),
+        strict=True,
+    )
+    table = [f"| {s + 1} | {way:.2f} m | {skate:.2f} | {peak:.3f} |" for s, (way, skate, peak) in enumerate(rows)]
+    return ["| sample | path | skating | max. acceleration (m/frame²) |", "|---|---|---|---|", *table]
+
+
+def draw_edits(data: Path, png: Path, seed: int) -> None:
+    """One recorded walk above its crouched, ducking, side-stepping and reaching copies.
+
+    Raises:
+        UserError: the folder holds no walk that all four edits suit.
+    """
+    for clip in load_motions(data, ["train"]):
+        if clip.label != "walk" or clip.frames < 80:
+            continue
+        draw = random.Random(seed)
+        copies = [edit(clip, draw) for edit in (crouched, ducking, sidestepping, reaching)]
+        found = [copy for copy in copies if copy is not None]
+        if len(found) == len(copies):
+            return draw_strips([(c.captions[0], c.joints.numpy()) for c in (clip, *found)], png)
+    raise UserError(f"motion folder '{data}' holds no straight walk of four seconds to edit; name another folder")

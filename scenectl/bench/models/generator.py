@@ -1,0 +1,220 @@
+"""All that is measured about a generator, in one run, beside real motions, reconstructions and random tokens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenectl.bench.models.posterior import bench_posterior
+from scenectl.bench.models.tokenizer import bench_tokenizer
+from scenectl.data.features import FPS
+from scenectl.evaluation.evaluator import Evaluator
+from scenectl.evaluation.kinds import Confusion, KindClassifier
+from scenectl.evaluation.metrics import (
+    Estimate,
+    check_enough,
+    diversity,
+    frechet_distance,
+    multimodal_distance,
+    multimodality,
+    r_precision,
+    repeated,
+)
+from scenectl.evaluation.sets import HeldOut, MotionSet, generated, of_random_tokens, real, reconstructed
+from scenectl.generators import Progress
+from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.generators.mscot.training.measures import code_use, least_use, overlapping
+from scenectl.measures.plausibility import plausibility
+from scenectl.training.sources import windows
+from scenes.files import atomic_write
+from scenes.motion.motion import Pose2D
+from scenes.sdf.bake import default_cache
+
+MULTIMODAL = (20, 10)
+"""Prompts and motions of each behind multimodality."""
+
+
+def bench_generator(
+    generator: MSCoT,
+    evaluator: Evaluator,
+    classifier: KindClassifier,
+    data: Path,
+    clips: int | None = None,
+    repeats: int = 20,
+    seed: int = 0,
+    tell: Progress | None = None,
+) -> dict[str, Any]:
+    """Evaluate a model on the test split.
+
+    One motion is generated for each test clip, from its caption and of its length. R-precision and diversity are
+    repeated over what is drawn; FID is repeated over bootstrap samples of both sets beside its value on the whole sets.
+
+    Args:
+        generator: the model.
+        evaluator: behind FID, R-precision, distances; its name stands in the result.
+        classifier: of kinds of motion, frozen.
+        data: folder of the motion collection, or of HumanML3D.
+        clips: at most so many test clips, by default all.
+        repeats: of everything random.
+        seed: of generated motions and draws.
+        tell: called with what is being done and the share done.
+
+    Returns:
+        ``{"summary", "rows", "evaluator", "kinds", "code_use", "reconstruction", "posterior"}``, a row for each set.
+    """
+    tell = tell or (lambda what, done: None)
+    tokenizer, cache = generator.bundle.tokenizer, default_cache() / "windows"
+    test = HeldOut.of(windows(data, ["test"], None, cache, 0), seed, clips)
+    # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
+    check_enough(len(test.captions))
+    texts = evaluator.embed_texts(test.captions)
+    tell("reading motions", 0.0)
+    sets = [
+        real(test), reconstructed(test, tokenizer), of_random_tokens(test, tokenizer, seed),
+        generated(test, generator, seed, tell),
+    ]  # fmt: skip
+    tell("scoring", 0.0)
+    points = [evaluator.embed_motions(s.features) for s in sets]
+    rows = [_row(s, p, points[0], texts, repeats, seed) for s, p in zip(sets, points, strict=True)]
+    rows[-1]["multimodality"] = _multimodality(generator, evaluator, test, seed)
+    confusion = {s.name: Confusion.of(test.kinds, classifier.predict(s.features)) for s in sets}
+    for row in rows:
+        row["label_recall"] = confusion[str(row["set"])].macro_recall
+    kinds = {name: _kinds(found) for name, found in confusion.items()}
+    reconstruction = bench_tokenizer(generator.bundle, data)
+    use = code_use(tokenizer, overlapping(windows(data, ["train"], None, cache, 0), 64))
+    posterior = bench_posterior(generator, seed=seed, progress=tell)
+    return {
+        "summary": _summary(rows, reconstruction["summary"], use, posterior["summary"], kinds["generated"]["worst"]),
+        "rows": rows,
+        "evaluator": evaluator.name,
+        "clips": len(test.captions),
+        "kinds": kinds,
+        "code_use": use,
+        "reconstruction": reconstruction["rows"],
+        "posterior": posterior["rows"],
+    }
+
+
+def _row(
+    motions: MotionSet,
+    points: Float[Tensor, "N d"],
+    truth: Float[Tensor, "N d"],
+    texts: Tensor,
+    repeats: int,
+    seed: int,
+) -> dict[str, Any]:
+    """Everything about one set; intervals are half-widths at 95 %."""
+    ranks = [r_precision(texts, points, torch.Generator().manual_seed(seed + i)) for i in range(repeats)]
+    top3 = repeated(lambda draw: float(ranks[draw.initial_seed() - seed][2]), repeats, seed)
+    varied = repeated(lambda draw: diversity(points, draw), repeats, seed)
+    spread = repeated(lambda draw: _bootstrapped(points, truth, draw), repeats, seed)
+    figures = {name: float(value.mean()) for name, value in plausibility(motions.padded).items()}
+    return {
+        "set": motions.name,
+        "fid": frechet_distance(points, truth),
+        **_estimate("fid_bootstrap", spread),
+        "r_precision_top1": float(torch.stack(ranks)[:, 0].mean()),
+        "r_precision_top2": float(torch.stack(ranks)[:, 1].mean()),
+        **_estimate("r_precision_top3", top3),
+        "multimodal_distance": multimodal_distance(texts, points),
+        **_estimate("diversity", varied),
+        "multimodality": None,
+        **figures,
+    }
+
+
+def _estimate(name: str, figure: Estimate) -> dict[str, float]:
+    return {name: figure.mean, f"{name}_interval": figure.interval}
+
+
+def _bootstrapped(points: Tensor, truth: Tensor, draw: torch.Generator) -> float:
+    a, b = (x[torch.randint(len(x), (len(x),), generator=draw)] for x in (points, truth))
+    return frechet_distance(a, b)
+
+
+def _multimodality(generator: MSCoT, evaluator: Evaluator, test: HeldOut, seed: int) -> float:
+    """Spread of motions of the same prompt, over prompts that differ."""
+    draw = torch.Generator().manual_seed(seed)
+    prompts, samples = MULTIMODAL
+    order = torch.randperm(len(test.captions), generator=draw).tolist()
+    chosen = list({test.captions[i]: i for i in order}.values())[:prompts]
+    points = []
+    for i in chosen:
+        made = generator.generate(
+            test.captions[i], len(test.features[i]) / FPS, Pose2D(), samples=samples, seed=seed + i
+        )
+        points.append(evaluator.embed_motions(MotionSet.of("", list(made.motion.joints)).features))
+    return multimodality(torch.stack(points), draw)
+
+
+def _kinds(found: Confusion) -> dict[str, Any]:
+    recall = found.recall()
+    return {
+        "macro_recall": found.macro_recall,
+        "recall": recall,
+        "worst": min(recall, key=lambda kind: recall[kind]) if recall else None,
+        "kinds": list(found.kinds),
+        "confusion": found.counts.tolist(),
+    }
+
+
+def _summary(
+    rows: Sequence[Mapping[str, Any]],
+    reconstruction: Mapping[str, Any],
+    use: Sequence[Mapping[str, float]],
+    posterior: Mapping[str, float],
+    worst: str | None,
+) -> dict[str, Any]:
+    truth, rebuilt, random, made = rows
+    return {
+        "reconstruction_error_m": reconstruction["reconstruction_error_m"],
+        "reconstruction_error_other_m": reconstruction["reconstruction_error_other_m"],
+        "root_drift_m": reconstruction["root_drift_m"],
+        "root_drift_other_m": reconstruction["root_drift_other_m"],
+        "code_use": least_use(use),
+        "skating_ratio": made["skating_ratio"],
+        "skating_ratio_real": truth["skating_ratio"],
+        "max_acceleration_m_per_frame2": made["max_acceleration_m_per_frame2"],
+        "max_acceleration_real_m_per_frame2": truth["max_acceleration_m_per_frame2"],
+        "fid": made["fid"],
+        "fid_reconstruction": rebuilt["fid"],
+        "fid_random_tokens": random["fid"],
+        "r_precision_top3": made["r_precision_top3"],
+        "r_precision_top3_real": truth["r_precision_top3"],
+        "label_recall": made["label_recall"],
+        "label_recall_real": truth["label_recall"],
+        "worst_kind": worst,
+        "posterior_kl": posterior["kl_nats"],
+    }
+
+
+def plot(result: Mapping[str, Any], png: str | Path) -> None:
+    """Confusion of kinds, real motions beside generated ones, to a picture."""
+    from matplotlib.figure import Figure  # without pyplot, so that no window system is asked for
+
+    figure = Figure(figsize=(15, 8.5), layout="constrained")
+    shown = sorted({kind for name in ("real", "generated") for kind in result["kinds"][name]["recall"]})
+    for axis, name in zip(figure.subplots(1, 2), ("real", "generated"), strict=True):
+        found = result["kinds"][name]
+        counts = _shares(found, shown)
+        axis.imshow(counts.numpy(), cmap="Blues", vmin=0, vmax=1)
+        axis.set_xticks(range(len(shown)), shown, rotation=90, fontsize=7)
+        axis.set_yticks(range(len(shown)), shown, fontsize=7)
+        axis.set(title=f"{name}: macro recall {found['macro_recall']:.2f}", xlabel="taken for", ylabel="is")
+    with atomic_write(png) as file:
+        figure.savefig(file, format=Path(png).suffix.lstrip(".") or "png", dpi=100)
+
+
+def _shares(found: Mapping[str, Any], shown: Sequence[str]) -> Float[Tensor, "K K"]:
+    """Share of each shown kind that was taken for each; what was taken for a kind not shown is left out."""
+    counts = torch.tensor(found["confusion"], dtype=torch.float32)
+    share = counts / counts.sum(1, keepdim=True).clamp_min(1)
+    keep = [found["kinds"].index(kind) if kind in found["kinds"] else -1 for kind in shown]
+    padded = torch.nn.functional.pad(share, (0, 1, 0, 1))
+    return padded[keep][:, keep]

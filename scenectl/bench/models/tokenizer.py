@@ -1,0 +1,38 @@
+"""Reconstruction by the tokenizer on test clips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from scenectl.generators.mscot.bundle import Bundle, load_bundle
+from scenectl.generators.mscot.training.tokenizer import reconstruction_error
+from scenectl.training.sources import windows
+from scenes.sdf.bake import default_cache
+
+
+def bench_tokenizer(
+    weights: str | Path | Bundle, data: str | Path, frames: tuple[int, ...] = (64, 128, 196)
+) -> dict[str, Any]:
+    """Mean joint error (m) over the first frames of every test clip that is long enough, by source and length."""
+    tokenizer = (weights if isinstance(weights, Bundle) else load_bundle(weights)).tokenizer
+    test = windows(Path(data), ["test"], None, default_cache() / "windows", 0)
+    rows = [
+        {"frames": length, "set": name, **figures}
+        for length in frames
+        for name, figures in reconstruction_error(tokenizer, test, length).items()
+    ]
+    summary = {
+        "reconstruction_error_m": _pick(rows, "bandai"),
+        "reconstruction_error_other_m": _pick(rows, "other"),
+        "reconstruction_error_all_m": _pick(rows, "all"),
+        "root_drift_m": _pick(rows, "bandai", "root_drift_m"),
+        "root_drift_other_m": _pick(rows, "other", "root_drift_m"),
+    }
+    return {"summary": summary, "rows": rows}
+
+
+def _pick(rows: list[dict[str, Any]], name: str, figure: str = "global_error_m") -> float | None:
+    """A figure at 64 frames, the paper's setting."""
+    found = [row[figure] for row in rows if row["frames"] == 64 and row["set"] == name]
+    return found[0] if found else None

@@ -1,0 +1,202 @@
+"""Value and gradient of a distance grid at many points: seconds of one thread, beside other libraries."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from scenectl.generators.base import Progress
+from scenes.body.body import DEFAULT_BODY
+from scenes.errors import UserError, did_you_mean
+from scenes.files import atomic_write
+from scenes.mesh.mesh import Mesh
+from scenes.sdf.bake import bake
+from scenes.sdf.grid import SdfGrid, interpolate
+from scenes.sdf.lattice import Lattice
+from scenes.world.scene import bundled
+
+FRAMES, SAMPLES = 196, 60
+COUNTS = (FRAMES * SAMPLES, 32 * FRAMES * SAMPLES)
+"""One motion of 196 frames and 60 points on the body, and a batch of 32: 11,760 and 376,320 points."""
+
+PATTERNS = ("body", "uniform")
+"""Points on people who walk, as goals ask for them; or anywhere in the grid, which is all waiting for memory."""
+
+Method = Callable[[], Any]
+
+
+def bench_query(
+    scene: str = "living_room",
+    resolution: int = 256,
+    repeats: int = 15,
+    seed: int = 0,
+    counts: tuple[int, ...] = COUNTS,
+    patterns: tuple[str, ...] = ("body",),
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Every method on the same grid of ``resolution ** 3`` nodes and the same float32 points, one thread.
+
+    Methods take turns, and the median counts. All but `open3d` give value and gradient. `grid_sample` is torch's,
+    with the points' change of units (a user's points are metres) and its backward; `torch` is our formula in torch.
+    `open3d` runs where it can be imported, and gives exact distances to the triangles instead, and no gradient.
+
+    Returns:
+        `rows` of points, pattern, method, seconds, and `summary`: for each count the smallest of the patterns' ratios
+        of `grid_sample` to `scenectl`.
+    """
+    for pattern in patterns:
+        if pattern not in PATTERNS:
+            raise UserError(f"unknown pattern '{pattern}'{did_you_mean(pattern, PATTERNS)}")
+    if repeats < 1 or min(counts) < 1:
+        raise UserError(f"{repeats} repeats of {counts} points; give 1 or more")
+    tell = progress or (lambda what, done: None)
+    mesh = bundled(scene).meshes[0]
+    tell(f"baking {scene}", 0.0)
+    grid = bake(mesh, lattice=Lattice.cube(mesh.bounds, resolution, padding=0.1)).grid
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        rows = []
+        for i, (count, pattern) in enumerate((c, p) for c in counts for p in patterns):
+            tell(f"{count} points, {pattern}", (1 + i) / (1 + len(patterns) * len(counts)))
+            points = make_points(grid, count, pattern, seed)
+            seconds = _medians(methods(grid, mesh, points), repeats, calls=max(1, 200_000 // count))
+            rows += [
+                {"points": count, "pattern": pattern, "method": method, "seconds": value}
+                for method, value in seconds.items()
+            ]
+    finally:
+        torch.set_num_threads(threads)
+    summary: dict[str, Any] = {"scene": scene, "resolution": resolution, "repeats": repeats, "threads": 1}
+    summary |= {f"speedup_{count}": min(_ratio(rows, count, pattern) for pattern in patterns) for count in counts}
+    return {"summary": summary, "rows": rows}
+
+
+def methods(grid: SdfGrid, mesh: Mesh, points: Tensor) -> dict[str, Method]:
+    """What can run here, by name; each call evaluates `points` ``[n, 3]`` (m) afresh and returns value and gradient."""
+    found: dict[str, Method] = {
+        "scenectl": lambda: _with_gradient(grid.distance, points),
+        "grid_sample": lambda: _with_gradient(_grid_sample(grid), points),
+        "torch": lambda: interpolate(points, grid.values, grid, with_gradient=True),
+    }
+    if open3d := _imported("open3d"):
+        found["open3d"] = _open3d(open3d, mesh, points)
+    return found
+
+
+def make_points(grid: SdfGrid, count: int, pattern: str, seed: int = 0) -> Tensor:
+    """Points ``[count, 3]`` (m, float32): "uniform" in the grid, or on the bodies of people who walk through it."""
+    noise = torch.Generator().manual_seed(seed)
+    low, high = (torch.from_numpy(corner) for corner in grid.bounds)
+    if pattern == "uniform":
+        return (low + torch.rand(count, 3, generator=noise, dtype=torch.float64) * (high - low)).float()
+    walkers = -(-count // (FRAMES * SAMPLES))
+    chosen = torch.linspace(0, DEFAULT_BODY.count - 1, SAMPLES).round().long()
+    body = DEFAULT_BODY.points_of(_walk(walkers, noise))[..., chosen, :]
+    centre, half = (low + high) / 2, (high - low) / 2
+    floor = centre - half * torch.tensor([0.0, 1.0, 0.0])
+    return (floor + body).reshape(-1, 3)[:count].float().contiguous()
+
+
+def _walk(walkers: int, noise: torch.Generator) -> Tensor:
+    """Joints ``[walkers, FRAMES, 22, 3]`` (m) that swing while they walk to and fro around the origin at 1.2 m/s."""
+    skeleton = DEFAULT_BODY.skeleton
+    rest = torch.zeros(len(skeleton.names), 3, dtype=torch.float64)
+    for joint, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            rest[joint] = rest[parent] + torch.tensor(skeleton.offsets[joint], dtype=torch.float64)
+    rest[:, 1] -= rest[:, 1].min()
+    phase, heading = 2 * torch.pi * torch.rand(2, walkers, 1, generator=noise, dtype=torch.float64)
+    seconds = torch.arange(FRAMES, dtype=torch.float64) / 20
+    swing = torch.sin(2 * torch.pi * 0.9 * seconds + phase)[..., None]  # two steps a cycle
+    reach = rest[:, 0].sign() * (rest[:, 1] - rest[0, 1]).abs() * 0.35
+    along = 1.5 * torch.asin(torch.sin(0.8 * seconds + phase))[..., None] + swing * reach
+    ahead = torch.stack([heading.sin(), torch.zeros_like(heading), heading.cos()], dim=-1)
+    return rest + along[..., None] * ahead[:, :, None]
+
+
+def _with_gradient(function: Callable[[Tensor], Tensor], points: Tensor) -> tuple[Tensor, Tensor]:
+    moving = points.detach().requires_grad_()
+    value = function(moving)
+    value.sum().backward()
+    assert moving.grad is not None
+    return value, moving.grad
+
+
+def _grid_sample(grid: SdfGrid) -> Callable[[Tensor], Tensor]:
+    low, high = (torch.from_numpy(corner).float() for corner in grid.bounds)
+    volume, scale = grid.values[None, None], 2 / (high - low)
+
+    def sample(points: Tensor) -> Tensor:
+        unit = ((points - low) * scale - 1).flip(-1)[None, None, None]  # grid_sample wants z, y, x
+        value = torch.nn.functional.grid_sample(volume, unit, align_corners=True, padding_mode="border")
+        return value[0, 0, 0, 0]
+
+    return sample
+
+
+def _imported(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except Exception:  # missing, or broken by a library of the system: either way it cannot be measured
+        return None
+
+
+def _open3d(open3d: Any, mesh: Mesh, points: Tensor) -> Method:
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32))
+    )
+    query = open3d.core.Tensor(points.numpy())
+    return lambda: scene.compute_signed_distance(query, nthreads=1).numpy()
+
+
+def _medians(found: dict[str, Method], repeats: int, calls: int) -> dict[str, float]:
+    """Median seconds of a call of each method; they take turns of several calls.
+
+    Each turn begins with a call that does not count: a solver calls again and again, and finds its own data in the
+    caches rather than another library's.
+    """
+    times: dict[str, list[float]] = {name: [] for name in found}
+    for _ in range(repeats):
+        for name, run in found.items():
+            run()
+            began = time.perf_counter()
+            for _ in range(calls):
+                run()
+            times[name].append((time.perf_counter() - began) / calls)
+    return {name: float(np.median(values)) for name, values in times.items()}
+
+
+def _ratio(rows: list[dict[str, Any]], count: int, pattern: str) -> float:
+    seconds = {r["method"]: r["seconds"] for r in rows if (r["points"], r["pattern"]) == (count, pattern)}
+    return float(seconds["grid_sample"] / seconds["scenectl"])
+
+
+def plot(result: dict[str, Any], path: Path) -> None:
+    """Bars of nanoseconds a point, written to an image file."""
+    from matplotlib.figure import Figure  # without pyplot, so that no window system is asked for
+
+    rows = result["rows"]
+    cases = list(dict.fromkeys((row["points"], row["pattern"]) for row in rows))
+    names = list(dict.fromkeys(row["method"] for row in rows))
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for i, name in enumerate(names):
+        seconds = {(row["points"], row["pattern"]): row["seconds"] for row in rows if row["method"] == name}
+        at = [c + (i - (len(names) - 1) / 2) * 0.8 / len(names) for c, case in enumerate(cases) if case in seconds]
+        heights = [1e9 * seconds[case] / case[0] for case in cases if case in seconds]
+        axes.bar(at, heights, 0.8 / len(names), label=name)
+    axes.set_xticks(range(len(cases)), [f"{count:,} points\n{pattern}" for count, pattern in cases])
+    axes.set_ylabel("ns a point, one thread")
+    axes.set_yscale("log")
+    axes.legend()
+    with atomic_write(path) as file:
+        figure.savefig(file, format=path.suffix.lstrip(".") or "png", dpi=150)

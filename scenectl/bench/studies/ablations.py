@@ -1,0 +1,404 @@
+"""The paper's ablations on our data: each trains or loads what it compares, and writes a table.
+
+Small models are trained for a stated number of iterations, so their figures compare variants with each other and
+with nothing else.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenectl.bench.control.keyframes import DENSITIES, FAILED, Keyframes, usable_clips
+from scenectl.bench.models.posterior import bench_posterior
+from scenectl.control import SolverSettings
+from scenectl.data.corpus import Clip
+from scenectl.data.features import features_to_joints
+from scenectl.generators import load_generator
+from scenectl.generators.mscot.bundle import load_bundle
+from scenectl.generators.mscot.config import RefinerConfig
+from scenectl.generators.mscot.networks.refiner import Refiner
+from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.generators.mscot.schedule import MAX_FRAMES
+from scenectl.generators.mscot.training.measures import beginnings
+from scenectl.generators.mscot.training.refiner import train_refiner
+from scenectl.generators.mscot.training.sweep import shortened, sweep, write_table
+from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenectl.training.command import Run
+from scenectl.training.placement import Placement, place
+from scenectl.training.recipe import Recipe, Variant, load_recipe
+
+Row = dict[str, Any]
+Tell = Callable[[str, float], None]
+
+SCHEDULES = {
+    3: (1, 8, 16),
+    4: (1, 5, 10, 16),
+    5: (1, 4, 8, 12, 16),
+    6: (1, 4, 7, 10, 13, 16),
+    7: (1, 3, 6, 8, 11, 13, 16),
+    8: (1, 3, 5, 7, 9, 11, 13, 16),
+    9: (1, 2, 4, 6, 8, 10, 12, 14, 16),
+    10: (1, 2, 3, 4, 5, 6, 8, 10, 13, 16),
+    12: (1, 2, 3, 5, 6, 7, 9, 10, 11, 13, 14, 16),
+    14: (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13, 14, 16),
+    16: tuple(range(1, 17)),
+}
+"""Base schedule for each number of scales (Table 9)."""
+
+REFINERS = {
+    "4-layer MLP": {"kind": "mlp", "layers": 4},
+    "8-layer MLP": {"kind": "mlp", "layers": 8},
+    "2-layer transformer": {"kind": "transformer", "layers": 2},
+    "3-layer transformer": {"kind": "transformer", "layers": 3},
+}
+"""Token refiners of Table 14."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What an ablation may use.
+
+    Attributes:
+        data: folder of the motion collection.
+        out: folder of tables, figures and small models.
+        config: recipe whose variants are trained.
+        weights: finished weights, for what needs no training.
+        iterations: of every stage of every small model.
+        clips: test clips wherever joints are controlled.
+        device: "auto", "cpu" or "cuda", for training.
+        threads: CPU threads; torch's choice by default.
+    """
+
+    data: Path
+    out: Path
+    config: str = "compact"
+    weights: str = "default"
+    iterations: int = 1000
+    clips: int = 12
+    device: str = "auto"
+    threads: int | None = None
+
+    @cached_property
+    def recipe(self) -> Recipe:
+        return load_recipe(self.config)
+
+    @cached_property
+    def where(self) -> Placement:
+        return place(self.device, self.recipe.precision)
+
+    @cached_property
+    def generator(self) -> MSCoT:
+        """The finished weights behind the default sampling."""
+        return MSCoT(load_bundle(self.weights))
+
+    @cached_property
+    def test_clips(self) -> list[Clip]:
+        """Captioned test clips of 64 frames or more, drawn with one seed."""
+        usable = usable_clips(self.data)
+        order = torch.randperm(len(usable), generator=torch.Generator().manual_seed(0)).tolist()
+        return [usable[i] for i in order[: self.clips]]
+
+    def trained(
+        self,
+        variants: Sequence[Variant],
+        tell: Tell,
+        measure: Callable[[Run, Tokenizer], Mapping[str, Any]] | None = None,
+    ) -> list[Row]:
+        """Rows of small models."""
+        models = self.out / "models"
+        return sweep(self.recipe, variants, self.data, models, self.iterations, self.where, tell, measure)
+
+
+def bench_ablations(bench: Bench, names: Sequence[str], tell: Tell) -> list[Path]:
+    """Run some of `ABLATIONS`; returns the files written."""
+    if bench.threads is not None:
+        torch.set_num_threads(bench.threads)
+    written = []
+    for name in names:
+        written += ABLATIONS[name](bench, lambda what, done, name=name: tell(f"{name}: {what}", done))  # type: ignore[misc]
+    return written
+
+
+def adaptive(bench: Bench, tell: Tell) -> list[Path]:
+    """Table 7: one schedule that follows the length, against chunks of 64 frames and against 196 frames always."""
+    batch = bench.recipe.tokenizer.loop.batch
+    variants = (
+        Variant(name="adaptive"),
+        Variant(name="fixed-64", set={"tokenizer.frames": [64]}),
+        # as many frames a step as the others
+        Variant(
+            name="fixed-196", set={"tokenizer.frames": [MAX_FRAMES], "tokenizer.loop.batch": batch * 64 // MAX_FRAMES}
+        ),
+    )
+    chunks = {"adaptive": None, "fixed-64": 64, "fixed-196": MAX_FRAMES}
+
+    def by_length(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
+        chunk = chunks[next(name for name in chunks if run.out.name.startswith(f"{name}-"))]
+        test = run.windows(["test"], False)
+        found: dict[str, float] = {}
+        for frames in (64, 128, MAX_FRAMES):
+            features = beginnings(test, frames)
+            got, true = features_to_joints(in_chunks(tokenizer, features, chunk)), features_to_joints(features)
+            found[f"clips_{frames}"] = len(features)
+            found[f"error_{frames}_m"] = float((got - true).norm(dim=-1).mean())
+            for name, joints in (("", got), ("real_", true)):
+                found[f"{name}acceleration_{frames}_m_per_frame2"] = float(joints.diff(n=2, dim=1).norm(dim=-1).mean())
+        return found
+
+    rows = bench.trained(variants, tell, by_length)
+    return _table(bench, rows, "adaptive", "Adaptive scale against fixed scales, by length (the paper's Table 7)")
+
+
+@torch.no_grad()
+def in_chunks(tokenizer: Tokenizer, features: Float[Tensor, "C T 263"], chunk: int | None) -> Float[Tensor, "C T 263"]:
+    """Reconstruct in pieces of `chunk` frames, the last one filled up with its last row; None: in one piece."""
+    clips, frames = features.shape[:2]
+    size = frames if chunk is None else chunk
+    padded = torch.cat([features, features[:, -1:].expand(-1, -frames % size, -1)], dim=1)
+    pieces = padded.reshape(-1, size, features.shape[-1])
+    got = torch.cat([tokenizer.decode(tokenizer.encode(part)) for part in pieces.split(64)])
+    return got.reshape(clips, -1, features.shape[-1])[:, :frames]
+
+
+def codebook(bench: Bench, tell: Tell) -> list[Path]:
+    """Table 8: size and width of the codes, shared by all scales or not."""
+    variants = [
+        Variant(
+            name=f"{'shared' if shared else 'own'}-{codes}-{dim}",
+            set={
+                "model.tokenizer.codes": codes,
+                "model.tokenizer.code_dim": dim,
+                "model.tokenizer.shared_codebook": shared,
+            },
+        )
+        for shared in (True, False)
+        for codes, dim in ((256, 128), (512, 64), (512, 128), (1024, 128))
+    ]
+    return _table(bench, bench.trained(variants, tell), "codebook", "Codebook size and sharing (the paper's Table 8)")
+
+
+def scales(bench: Bench, tell: Tell) -> list[Path]:
+    """Tables 10 and 11: number of scales, for reconstruction and for control."""
+    variants = [Variant(name=f"K-{k}", set={"model.tokenizer.scales": s}) for k, s in SCHEDULES.items()]
+    rows = bench.trained(variants, tell, _control_columns(bench))
+    return _table(bench, rows, "scales", "Number of scales (the paper's Tables 10 and 11)")
+
+
+def normalised(bench: Bench, tell: Tell) -> list[Path]:
+    """Tables 4 and 12: unit codes with a gain for each scale against free ones, control and posterior."""
+    variants = [
+        Variant(name=name, set={"model.tokenizer.normalised": on}) for name, on in (("l2", True), ("euclidean", False))
+    ]
+    control = _control_columns(bench)
+
+    def control_and_posterior(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
+        found = control(run, tokenizer)
+        generator = load_generator("mscot", run.out / "weights")
+        return {**found, **bench_posterior(generator, 2, positions=1)["summary"]}
+
+    rows = bench.trained(variants, tell, control_and_posterior)
+    return _table(bench, rows, "normalised", "Normalised against Euclidean codes (the paper's Tables 4 and 12)")
+
+
+def losses(bench: Bench, tell: Tell) -> list[Path]:
+    """Residual losses: joint positions, velocities, feet, amplitudes."""
+    silent = {
+        f"tokenizer.reconstruction.{name}": 0.0 for name in ("joints", "feet", "velocities", "contacts", "amplitudes")
+    }
+    changes = {
+        "recipe": {},
+        "features-only": silent,
+        "joints": {**silent, "tokenizer.reconstruction.joints": 4.0},
+        "no-velocities": {"tokenizer.reconstruction.velocities": 0.0},
+        "no-amplitudes": {"tokenizer.reconstruction.amplitudes": 0.0},
+        "contacts": {"tokenizer.reconstruction.contacts": 10.0},
+        "no-root": {"tokenizer.reconstruction.root": 0.0},
+    }
+    rows = bench.trained([Variant(name=name, set=change) for name, change in changes.items()], tell)
+    return _table(bench, rows, "losses", "Residual losses of the tokenizer")
+
+
+def _control_columns(bench: Bench) -> Callable[[Run, Tokenizer], Mapping[str, Any]]:
+    """Trains the other two networks and controls five pelvis keyframes with them."""
+
+    def control(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
+        run.refiner()
+        run.transformer()
+        run.export()
+        return controlled(load_generator("mscot", run.out / "weights"), bench.test_clips, 5)
+
+    return control
+
+
+def refiner(bench: Bench, tell: Tell) -> list[Path]:
+    """Table 14: token refiners on the finished weights' tokenizer."""
+    bundle, rows = bench.generator.bundle, []
+    recipe = shortened(bench.recipe, bench.iterations)
+    run = Run(recipe, bench.data, bench.out / "models", where=bench.where)
+    test = beginnings(run.windows(["test"], False), 64)
+    for i, (name, changes) in enumerate(REFINERS.items()):
+        tell(name, i / len(REFINERS))
+        config = RefinerConfig.model_validate({**recipe.model.refiner.model_dump(), **changes})
+        folder = bench.out / "models" / f"refiner-{config.kind}-{config.layers}-{bench.iterations}"
+        tokenizer = load_bundle(bench.weights).tokenizer
+        data = run.windows(["train"], True)
+        loop = train_refiner(config, tokenizer, recipe.refiner, data, folder, recipe.seed, bench.where)
+        trained = loop.averaged.cpu().eval().requires_grad_(False)
+        assert isinstance(trained, Refiner)
+        generator = MSCoT(replace(bundle, refiner=trained))
+        rows.append(
+            {
+                "refiner": name,
+                "parameters_m": sum(p.numel() for p in trained.parameters()) / 1e6,
+                **_refined(bundle.tokenizer, trained, test),
+                **controlled(generator, bench.test_clips, 5),
+            }
+        )
+    return _table(bench, rows, "refiner", f"Token refiners, {bench.iterations} iterations (the paper's Table 14)")
+
+
+@torch.no_grad()
+def _refined(tokenizer: Tokenizer, network: Refiner, features: Float[Tensor, "C T 263"]) -> dict[str, float]:
+    """Reconstruction error without and with the refiner, and seconds of its own for one motion."""
+    tokens = tokenizer.encode(features)
+    quantiser, finest = tokenizer.quantiser, tokens[-1].shape[-1]
+    codes = [quantiser.lookup(k, t) for k, t in enumerate(tokens)]
+    began = time.perf_counter()
+    for k, e in enumerate(codes):
+        network(e[:1], k, finest)
+    seconds = time.perf_counter() - began
+    moved = [e + network(e, k, finest) for k, e in enumerate(codes)]
+    true, found = features_to_joints(features), {}
+    for name, parts in (("unrefined_error_m", codes), ("reconstruction_error_m", moved)):
+        got = features_to_joints(tokenizer.decode_latent(quantiser.latent(parts, finest)))
+        found[name] = float((got - true).norm(dim=-1).mean())
+    return {**found, "refiner_s": seconds}
+
+
+def iterations(bench: Bench, tell: Tell) -> list[Path]:
+    """Fig. 9: what more refinement buys, and what it costs."""
+    steps, rows = (0, 10, 25, 50, 100, 200), []
+    for i, number in enumerate(steps):
+        tell(f"{number} iterations", i / len(steps))
+        solver = SolverSettings(iterations=number)
+        rows.append({"refinement_iterations": number, **controlled(bench.generator, bench.test_clips, 5, solver)})
+    picture = bench.out / "iterations.png"
+    from scenectl.bench.studies.figures import draw_trade_off
+
+    draw_trade_off(rows, picture)
+    return [*_table(bench, rows, "iterations", "Refinement iterations (the paper's Fig. 9)"), picture]
+
+
+def refinement(bench: Bench, tell: Tell) -> list[Path]:
+    """What of guidance and refinement is worth how much: each left out in turn."""
+    whole = bench.generator
+    alike = MSCoT(whole.bundle, whole.sampling.model_copy(update={"clip_coarsest": 1.0}))
+    variants: dict[str, tuple[MSCoT, SolverSettings]] = {
+        "as it is": (whole, SolverSettings()),
+        "coarse scales tilted like fine ones": (alike, SolverSettings()),
+        "without the decoder's metric": (MSCoT(replace(whole.bundle, metric=None), whole.sampling), SolverSettings()),
+        "without polishing": (whole, SolverSettings(polish=False)),
+        "without a body's costs": (whole, SolverSettings(natural=False)),
+    }
+    rows: list[Row] = []
+    for i, (name, (generator, solver)) in enumerate(variants.items()):
+        tell(name, i / len(variants))
+        rows.append({"variant": name, **controlled(generator, bench.test_clips, 5, solver)})
+    return _table(bench, rows, "refinement", "Guidance and refinement, one part left out in turn")
+
+
+def densities(bench: Bench, tell: Tell) -> list[Path]:
+    """Table 16: pelvis keyframes, from one to every frame."""
+    rows = []
+    for i, (name, density) in enumerate(DENSITIES.items()):
+        tell(f"density {name}", i / len(DENSITIES))
+        rows.append({"density": name, **controlled(bench.generator, bench.test_clips, density)})
+    return _table(bench, rows, "densities", "Control densities of the pelvis (the paper's Table 16)")
+
+
+def controlled(
+    generator: Any, clips: Sequence[Clip], density: int | float, solver: SolverSettings | None = None, seed: int = 0
+) -> dict[str, float]:
+    """Pelvis keyframes of real clips, pursued with the clips' own captions.
+
+    Args:
+        generator: what makes the motions.
+        clips: real motions; their first 196 frames.
+        density: keyframes in each, as a number, or as a share of the frames where it is a float.
+        solver: of the refinement, instead of the default.
+        seed: of frames and motions.
+
+    Returns:
+        Means over the clips: distance from the keyframes (m) and share missed by more than 0.5 m, the same distance
+        before refinement, how far that moved all joints (m) and in how many passes, skating ratio and maximum
+        acceleration (m/frame²) beside the real clips', median seconds.
+    """
+    draw, rows = torch.Generator().manual_seed(seed), []
+    for i, clip in enumerate(clips):
+        asked = Keyframes.drawn(clip, "pelvis", density, draw, seed + i)
+        guide = asked.guide(solver or SolverSettings())
+        began = time.perf_counter()
+        made = asked.generate(generator, guide)
+        seconds = time.perf_counter() - began
+        before = made.motion if made.unrefined is None else made.unrefined
+        error = asked.errors(made.motion)
+        rows.append(
+            {
+                "average_error_m": float(error.mean()),
+                "location_error": float((error > FAILED).float().mean()),
+                "guided_only_error_m": float(asked.errors(before).mean()),
+                "moved_m": float((made.motion.joints - before.joints).norm(dim=-1).mean()),
+                "passes": float(guide.solution.evaluations if guide.solution else 0),
+                "skating_ratio": float(skating_ratio(made.motion[0])),
+                "skating_ratio_real": float(skating_ratio(asked.real)),
+                "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
+                "max_acceleration_real_m_per_frame2": float(max_acceleration(asked.real)),
+                "seconds": seconds,
+            }
+        )
+    return {
+        key: (statistics.median if key == "seconds" else statistics.fmean)(row[key] for row in rows) for key in rows[0]
+    }
+
+
+def figures(bench: Bench, tell: Tell) -> list[Path]:
+    """Fig. 5 to 8: what the scales hold, what guidance does at each, which codes are used and which are tilted."""
+    from scenectl.bench.studies.figures import draw_code_use, draw_scales, draw_spectrogram, draw_tilt, guided_scales
+    from scenectl.training.sources import windows
+
+    test = windows(bench.data, ["test"], None, bench.out / "models" / "data", 0)
+    generator = bench.generator
+    tell("spectrogram", 0.0)
+    spectrogram, use = bench.out / "spectrogram.png", bench.out / "code-use.png"
+    draw_spectrogram(generator.bundle.tokenizer, test, spectrogram)
+    tell("code use", 0.3)
+    draw_code_use(generator.bundle.tokenizer, test, use)
+    tell("guidance", 0.5)
+    guided = guided_scales(generator)
+    poses, paths, tilt = (bench.out / name for name in ("scales-poses.png", "scales-paths.png", "tilt.png"))
+    draw_scales(guided, poses, paths)
+    draw_tilt(guided, tilt)
+    return [spectrogram, use, poses, paths, tilt]
+
+
+def _table(bench: Bench, rows: Sequence[Row], name: str, title: str) -> list[Path]:
+    write_table(rows, bench.out / name, title)
+    return [bench.out / f"{name}.md", bench.out / f"{name}.json"]
+
+
+ABLATIONS: dict[str, Callable[[Bench, Tell], list[Path]]] = {
+    each.__name__: each
+    for each in (figures, iterations, densities, refinement, refiner, losses, codebook, normalised, adaptive, scales)
+}
+"""By name, the cheap ones first."""

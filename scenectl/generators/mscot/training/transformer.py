@@ -1,0 +1,141 @@
+"""Training of the scale-wise transformer on the frozen tokenizer's tokens (Eq. 39)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from pydantic import BaseModel, ConfigDict
+from torch import Tensor, nn
+
+from scenectl.generators.mscot.config import TransformerConfig
+from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.generators.mscot.networks.transformer import ScaleTransformer
+from scenectl.generators.mscot.schedule import DOWNSAMPLING
+from scenectl.networks.text import TextEncoder, TextFeatures
+from scenectl.training.dataset import Windows
+from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
+from scenectl.training.placement import Placement
+
+
+class TransformerTraining(BaseModel):
+    """Settings of the transformer's training.
+
+    Attributes:
+        loop: length and speed; `batch` is for windows of 64 frames, and shrinks with longer ones.
+        min_frames, max_frames: window lengths, drawn for each batch in steps of four frames.
+        drop_text: probability of training a sample without text (classifier-free guidance).
+        corrupt: share of prefix tokens replaced by random ones, which teaches the model to live with its mistakes.
+        smoothing: label smoothing.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    loop: LoopSettings
+    min_frames: int = 36
+    max_frames: int = 196
+    drop_text: float = 0.1
+    corrupt: float = 0.05
+    smoothing: float = 0.05
+
+
+class Captions:
+    """Text features of every caption, encoded once."""
+
+    def __init__(self, data: Windows, encoder: TextEncoder) -> None:
+        texts = sorted({text for captions in data.captions for text in captions})
+        index = {text: i for i, text in enumerate(texts)}
+        self.of_clip = [[index[text] for text in captions] for captions in data.captions]
+        parts = [encoder.encode(texts[i : i + 64]) for i in range(0, len(texts), 64)]
+        self.sentence = torch.cat([p.sentence for p in parts]).cpu()
+        # Without padding: a large data set's captions, all as long as the longest one, would fill the memory.
+        self.words = [row[mask].cpu() for p in parts for row, mask in zip(p.words, p.mask, strict=True)]
+
+    def draw(self, clips: Int[Tensor, " B"], generator: torch.Generator) -> TextFeatures:
+        """A random caption of each clip."""
+        uniform = torch.rand(len(clips), generator=generator).tolist()
+        rows = torch.tensor(
+            [self.of_clip[c][int(u * len(self.of_clip[c]))] for c, u in zip(clips.tolist(), uniform, strict=True)]
+        )
+        chosen = [self.words[row] for row in rows.tolist()]
+        lengths = torch.tensor([len(words) for words in chosen])
+        words = nn.utils.rnn.pad_sequence(chosen, batch_first=True)
+        return TextFeatures(self.sentence[rows], words, torch.arange(words.shape[1]) < lengths[:, None])
+
+
+def train_transformer(
+    config: TransformerConfig,
+    tokenizer: Tokenizer,
+    encoder: TextEncoder,
+    settings: TransformerTraining,
+    data: Windows,
+    folder: Path,
+    seed: int,
+    place: Placement | None = None,
+) -> Loop:
+    """Train, or go on training, in `folder`; the tokens are those of float32."""
+    place = place or Placement()
+    data = data.on(place.device)
+    tokenizer.to(place.device).eval().requires_grad_(False)
+    captions = Captions(data, encoder)
+    quantiser = tokenizer.quantiser
+    torch.manual_seed(seed)  # initial weights belong to the run's seed
+    model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
+    loop = Loop(model, settings.loop, folder, seed, place)
+
+    def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
+        low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
+        finest = int(torch.randint(low, high + 1, (), generator=generator))
+        batch = max(4, settings.loop.batch * 16 // finest)
+        features, clips = data.draw(finest * DOWNSAMPLING, batch, generator)
+        tokens = _tokens(tokenizer, features)
+        drop = torch.rand(batch, generator=generator) < settings.drop_text
+        prompt = place.text(captions.draw(clips, generator))
+        seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
+        with place.autocast():
+            logits = model(quantiser, model.without_text(prompt, drop.to(place.device)), seen, finest)
+        logits, target = logits.float().flatten(0, 1), torch.cat(tokens, dim=1).flatten()
+        loss = F.cross_entropy(logits, target, label_smoothing=settings.smoothing)
+        figures: Figures = {
+            "cross_entropy": F.cross_entropy(logits.detach(), target),
+            FRAMES: float(batch * finest * DOWNSAMPLING),
+        }
+        return loss, figures
+
+    loop.run(step)
+    return loop
+
+
+@torch.no_grad()
+def _tokens(tokenizer: Tokenizer, features: Float[Tensor, "B T 263"]) -> list[Int[Tensor, "B _L_k"]]:
+    return tokenizer.encode(features)
+
+
+def _corrupted(tokens: Int[Tensor, "B L"], share: float, codes: int, generator: torch.Generator) -> Int[Tensor, "B L"]:
+    # Drawn on the CPU, so that a run sees the same numbers on every device.
+    random = torch.randint(codes, tokens.shape, generator=generator).to(tokens.device)
+    return torch.where((torch.rand(tokens.shape, generator=generator) < share).to(tokens.device), random, tokens)
+
+
+@torch.no_grad()
+def cross_entropy_by_scale(
+    model: ScaleTransformer, tokenizer: Tokenizer, encoder: TextEncoder, data: Windows, frames: int = 64
+) -> list[float]:
+    """Cross-entropy (nats a token) of each scale over the first `frames` frames of every clip long enough."""
+    model.eval()
+    captions = Captions(data, encoder)
+    quantiser, total, count = tokenizer.quantiser, None, 0
+    clips = [i for i in range(len(data.ids)) if int(data.lengths[i]) >= frames]
+    lengths = list(quantiser.lengths(frames // DOWNSAMPLING))
+    for i in range(0, len(clips), 32):
+        part = torch.tensor(clips[i : i + 32])
+        rows = data.starts[part][:, None] + torch.arange(frames)
+        tokens = tokenizer.encode(data.features[rows])
+        prompt = captions.draw(part, torch.Generator().manual_seed(i))
+        logits = model(quantiser, prompt, tokens, frames // DOWNSAMPLING)
+        loss = F.cross_entropy(logits.transpose(1, 2), torch.cat(tokens, 1), reduction="none")
+        sums = torch.stack([piece.mean(1).sum() for piece in loss.split(lengths, dim=1)])
+        total, count = sums if total is None else total + sums, count + len(part)
+    return [] if total is None else (total / count).tolist()

@@ -1,0 +1,317 @@
+"""The proxy body: spheres on joints and capsules on bones, sampled as points with radii.
+
+A motion is 22 moving points; walls are met by flesh. `ProxyBody` puts the flesh on: its samples are fixed
+linear combinations of the joints, so that one small matrix product makes them and gradients pass through.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from scenes.errors import UserError
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D, Skeleton
+
+STRETCH = 1.1
+"""Bones up to this much longer than the skeleton's keep gaps between samples below the capsule's radius."""
+
+SOURCE = (
+    "mean of women and men in ANSUR II: C. C. Gordon et al., 2012 Anthropometric Survey of U.S. Army Personnel: "
+    "Methods and Summary Statistics, Natick TR-15/007, 2014 (4,082 men and 1,986 women)"
+)
+
+# Means in millimetres, (women, men). Of the lower block we keep multiples of 5 mm (1 mm of radius or less).
+_ANSUR: dict[str, tuple[float, float]] = {
+    "chest depth": (247.4, 253.8),
+    "biceps girth": (305.6, 358.1),
+    "forearm girth": (264.1, 310.1),
+    "neck girth": (329.8, 397.6),
+    "neck base girth": (371.2, 434.6),
+    "thigh girth": (616.1, 625.1),
+    "calf girth": (373.3, 392.3),
+    "head girth": (561.1, 574.4),
+    "hip breadth": (353.8, 345.7),
+    "biacromial breadth": (365.3, 415.7),
+    "bideltoid breadth": (450.3, 510.4),
+    "waist depth": (215.0, 240.0),
+    "buttock depth": (235.0, 250.0),
+    "lower thigh girth": (395.0, 400.0),
+    "ankle girth": (215.0, 230.0),
+    "wrist girth": (155.0, 175.0),
+    "hand breadth": (80.0, 90.0),
+}
+
+
+@dataclass(frozen=True)
+class BodyCapsule:
+    """A capsule from joint `a` to joint `b` (indices) of one radius (m); `origin` says where the radius comes from."""
+
+    a: int
+    b: int
+    radius: float
+    origin: str
+
+
+@dataclass(frozen=True)
+class BodySphere:
+    """A sphere on joint `joint`, or `beyond` times the bone `base` -> `joint` past it; radius in metres."""
+
+    name: str
+    joint: int
+    radius: float
+    origin: str
+    base: int = -1
+    beyond: float = 0.0
+
+
+class Segments(NamedTuple):
+    """The body as C capsules: ends `a` and `b` (world, m), which coincide for a sphere, `radius` (m), and `owners`.
+
+    An owner is the joint to name when the capsule hits something, and to exempt: of a bone, the one further out.
+    """
+
+    a: Float[Tensor, "*b C 3"]
+    b: Float[Tensor, "*b C 3"]
+    radius: Float[Tensor, " C"]
+    owners: list[str]
+
+
+@dataclass(frozen=True)
+class _Samples:
+    weights: np.ndarray  # [M, J]
+    radii: np.ndarray  # [M]
+    owners: tuple[int, ...]
+    parts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ProxyBody:
+    """Spheres and capsules on a skeleton. `ProxyBody.human()` is the adult of the tables, `DEFAULT_BODY` the same.
+
+    Ends of capsules carry the spheres of their joints, so a shank is round at the knee and thin at the ankle.
+    Joints stop at the wrist and at the ball of the foot: a sphere covers the palm and one the back of the heel;
+    fingers (about 8 cm), toes (about 6 cm) and the sole of the heel are not covered.
+
+    Attributes:
+        skeleton: the joints the indices speak of.
+        spheres: one on every joint, in the skeleton's order, then those past the joints.
+        capsules: one on every bone.
+        sole_offset: metres from the lowest foot joint down to the sole. A canonical motion has that joint at
+            y = 0, so placing it at `floor.height + sole_offset` lets the foot spheres touch the floor.
+        source: citation of the tables.
+    """
+
+    skeleton: Skeleton
+    spheres: tuple[BodySphere, ...]
+    capsules: tuple[BodyCapsule, ...]
+    sole_offset: float
+    source: str = SOURCE
+
+    @classmethod
+    def human(cls) -> ProxyBody:
+        """An adult on HumanML3D's skeleton (stature about 1.7 m), radii from ANSUR II means of both sexes."""
+        return cls(HUMANML3D, _human_spheres(), _human_capsules(), _SOLE, SOURCE)
+
+    def points(self, motion: Motion) -> tuple[Float[Tensor, "*b T M 3"], Float[Tensor, " M"]]:
+        """World positions of all samples (m) and their radii (m); raises UserError for another skeleton."""
+        self._check(motion)
+        return self.points_of(motion.joints), self.radii(motion.joints)
+
+    def segments(self, motion: Motion) -> Segments:
+        """All spheres, and capsules from their first sample to their last; raises UserError for another skeleton."""
+        self._check(motion)
+        weights, radii, owners = self._ends
+        a, b = (torch.einsum("cj,...jd->...cd", end, motion.joints) for end in weights.to(motion.joints))
+        return Segments(a, b, radii.to(motion.joints), [self.skeleton.names[j] for j in owners])
+
+    def _check(self, motion: Motion) -> None:
+        if motion.skeleton.names != self.skeleton.names:
+            raise UserError(
+                f"the motion has joints {', '.join(motion.skeleton.names[:3])}, … ({len(motion.skeleton.names)}), but "
+                f"this body is made for {', '.join(self.skeleton.names[:3])}, … ({len(self.skeleton.names)}); "
+                "retarget the motion or build a ProxyBody for its skeleton"
+            )
+
+    def points_of(self, joints: Float[Tensor, "*b J 3"]) -> Float[Tensor, "*b M 3"]:
+        """World positions of all samples (m) for joint positions (m), linear in them."""
+        return torch.einsum("mj,...jd->...md", self._weights.to(joints), joints)
+
+    def radii(self, like: Tensor | None = None) -> Float[Tensor, " M"]:
+        """Radius of every sample (m), float32 or as `like`."""
+        radii = torch.from_numpy(self._samples.radii)
+        return radii.float() if like is None else radii.to(like)
+
+    @property
+    def owners(self) -> list[str]:
+        """The joint nearest to each sample: the one to exempt, and to name when the sample hits something."""
+        return [self.skeleton.names[j] for j in self._samples.owners]
+
+    @property
+    def parts(self) -> list[str]:
+        """What each sample belongs to: a joint, a bone such as 'left_hip-left_knee', or 'left_palm'."""
+        return list(self._samples.parts)
+
+    @property
+    def count(self) -> int:
+        """Number of samples M."""
+        return len(self._samples.owners)
+
+    def mask(self, exempt: Iterable[str] = ()) -> Bool[Tensor, " M"]:
+        """True for the samples that count, False for those owned by joints in `exempt`.
+
+        Raises UserError for a joint the skeleton does not have.
+        """
+        out = {self.skeleton.index(name) for name in exempt}
+        return torch.tensor([owner not in out for owner in self._samples.owners])
+
+    def table(self) -> list[dict[str, str | float]]:
+        """Rows `{"part", "radius_m", "origin"}` of all spheres and capsules, for printing."""
+        names = self.skeleton.names
+        rows: list[dict[str, str | float]] = [
+            {"part": s.name, "radius_m": round(s.radius, 4), "origin": s.origin} for s in self.spheres
+        ]
+        rows += [
+            {"part": f"{names[c.a]}-{names[c.b]}", "radius_m": round(c.radius, 4), "origin": c.origin}
+            for c in self.capsules
+        ]
+        return rows
+
+    @cached_property
+    def _weights(self) -> Tensor:
+        return torch.from_numpy(self._samples.weights)
+
+    @cached_property
+    def _ends(self) -> tuple[Tensor, Tensor, list[int]]:
+        """Joints to both ends of all parts, ``[2, C, J]``, their radii ``[C]`` and owners."""
+        parts = [(_blend(s), _blend(s), s.radius, s.joint) for s in self.spheres]
+        for c in self.capsules:
+            steps = self._steps(c)
+            if steps > 1:  # else the spheres of its joints cover it
+                near, far = {c.a: 1 - 1 / steps, c.b: 1 / steps}, {c.a: 1 / steps, c.b: 1 - 1 / steps}
+                parts.append((near, far, c.radius, c.b))
+        weights = torch.zeros(2, len(parts), len(self.skeleton.names), dtype=torch.float64)
+        for part, (near, far, _, _) in enumerate(parts):
+            for end, blend in enumerate((near, far)):
+                for joint, weight in blend.items():
+                    weights[end, part, joint] = weight
+        radii = torch.tensor([part[2] for part in parts], dtype=torch.float64)
+        return weights, radii, [part[3] for part in parts]
+
+    def _steps(self, capsule: BodyCapsule) -> int:
+        """Equal steps from joint to joint; samples are between them, since the joints carry spheres of their own."""
+        length = float(self.skeleton.bone_lengths[capsule.b])
+        return max(1, math.ceil(STRETCH * length / capsule.radius - 1e-9))
+
+    @cached_property
+    def _samples(self) -> _Samples:
+        names = self.skeleton.names
+        rows: list[tuple[dict[int, float], float, int, str]] = []
+        for s in self.spheres:
+            rows.append((_blend(s), s.radius, s.joint, s.name))
+        for c in self.capsules:
+            steps = self._steps(c)
+            for k in range(1, steps):
+                t = k / steps
+                rows.append(({c.a: 1 - t, c.b: t}, c.radius, c.b if t >= 0.5 else c.a, f"{names[c.a]}-{names[c.b]}"))
+        weights = np.zeros((len(rows), len(names)))
+        for m, (blend, *_) in enumerate(rows):
+            for joint, weight in blend.items():
+                weights[m, joint] = weight
+        return _Samples(
+            weights, np.array([row[1] for row in rows]), tuple(row[2] for row in rows), tuple(row[3] for row in rows)
+        )
+
+
+def _blend(sphere: BodySphere) -> dict[int, float]:
+    """Weights of the joints that carry a sphere's centre."""
+    if sphere.base < 0:
+        return {sphere.joint: 1.0}
+    return {sphere.joint: 1.0 + sphere.beyond, sphere.base: -sphere.beyond}
+
+
+# The ankle of HumanML3D's people stands 47 mm above their foot joint (reference clip), the lateral malleolus of
+# ANSUR II's 0.042 of the stature, 71 mm, above the ground: the sole lies 25 mm below the foot joint.
+_SOLE = 0.025
+
+
+def _mean(name: str) -> float:
+    """Mean of women and men, metres."""
+    return sum(_ANSUR[name]) / 2000.0
+
+
+def _size(*names: str) -> tuple[float, str]:
+    """Mean radius (m) of girths (girth / 2 pi), depths and breadths (half of them), and how it was made."""
+    radii = [_mean(n) / (2 * math.pi) if n.endswith("girth") else _mean(n) / 2 for n in names]
+    how = [f"{n} / 2π" if n.endswith("girth") else f"{n} / 2" for n in names]
+    return sum(radii) / len(radii), how[0] if len(how) == 1 else f"mean of {' and '.join(how)}"
+
+
+def _human_spheres() -> tuple[BodySphere, ...]:
+    shoulder = (
+        _mean("bideltoid breadth") / 2 - 0.18,
+        "bideltoid breadth / 2 less 0.18 m, the joint's distance from the middle",
+    )
+    # hips stand 0.106 m from the middle; a full thigh there would be wider than the hips are
+    hip = ((_mean("hip breadth") / 2 - 0.106 + _size("thigh girth")[0]) / 2, "mean of thigh girth / 2π and room in hip")
+    sizes: dict[str, tuple[float, str]] = {
+        "pelvis": _size("buttock depth"),
+        "hip": hip,
+        "spine1": _size("waist depth"),
+        "knee": _size("lower thigh girth"),
+        "spine2": _size("waist depth", "chest depth"),
+        "ankle": _size("ankle girth"),
+        "spine3": _size("chest depth"),
+        "foot": (_SOLE, "the sole's depth below the joint"),
+        "neck": _size("neck base girth"),
+        "collar": _size("chest depth", "neck base girth"),
+        "head": _size("head girth"),
+        "shoulder": shoulder,
+        "elbow": _size("forearm girth"),
+        "wrist": _size("wrist girth"),
+    }
+    on_joints = [
+        BodySphere(name, j, *sizes[name.removeprefix("left_").removeprefix("right_")])
+        for j, name in enumerate(HUMANML3D.names)
+    ]
+    at = HUMANML3D.index
+    past = [BodySphere("crown", at("head"), *_size("head girth"), base=at("neck"), beyond=0.8)]
+    for side in ("left", "right"):
+        palm = BodySphere(f"{side}_palm", at(f"{side}_wrist"), *_size("hand breadth"), at(f"{side}_elbow"), 0.27)
+        heel = BodySphere(f"{side}_heel", at(f"{side}_ankle"), *_size("ankle girth"), at(f"{side}_foot"), 0.25)
+        past += [palm, heel]
+    return (*on_joints, *past)
+
+
+def _human_capsules() -> tuple[BodyCapsule, ...]:
+    by_child: dict[str, tuple[float, str]] = {
+        "hip": _size("buttock depth", "thigh girth"),
+        "spine1": _size("buttock depth", "waist depth"),
+        "knee": _size("thigh girth", "lower thigh girth"),
+        "spine2": _size("waist depth"),
+        "ankle": _size("lower thigh girth", "calf girth", "ankle girth"),
+        "spine3": _size("waist depth", "chest depth"),
+        "foot": (1.2 * _SOLE, "1.2 times the sole's depth, as far as the instep rises"),
+        "neck": _size("chest depth", "neck base girth"),
+        "collar": _size("chest depth", "neck base girth"),
+        "head": _size("neck girth"),
+        "shoulder": _size("neck base girth"),
+        "elbow": _size("biceps girth"),
+        "wrist": _size("forearm girth", "wrist girth"),
+    }
+    return tuple(
+        BodyCapsule(a, b, *by_child[HUMANML3D.names[b].removeprefix("left_").removeprefix("right_")])
+        for a, b in HUMANML3D.bones
+    )
+
+
+DEFAULT_BODY = ProxyBody.human()
+"""The adult of `ProxyBody.human()`."""

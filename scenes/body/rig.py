@@ -1,0 +1,91 @@
+"""Characters and robots at rest: links in a tree, and the triangles that move rigidly with each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from scenes.errors import UserError, did_you_mean
+from scenes.motion.frames import transform
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Triangles that move with one link.
+
+    Attributes:
+        link: name of the joint (of a character) or link (of a robot) that carries them.
+        frame: rigid transform from the link to the world at rest, ``[4, 4]``, metres, y up in the world.
+        vertices: ``[V, 3]`` metres in the link's frame, every one used by a triangle.
+        faces: ``[F, 3]``; the front side sees them counter-clockwise.
+    """
+
+    link: str
+    frame: np.ndarray
+    vertices: np.ndarray
+    faces: np.ndarray
+
+    @classmethod
+    def of(cls, link: str, frame: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> Part:
+        """The part of the vertices that the triangles use; vertices in the link's frame."""
+        used, inverse = np.unique(faces, return_inverse=True)
+        return cls(link, frame, vertices[used], inverse.reshape(-1, 3))
+
+    @cached_property
+    def placed(self) -> np.ndarray:
+        """Vertices in the world at rest, ``[V, 3]`` metres."""
+        return transform(self.frame, self.vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A character or a robot at rest. `read_rig` and `read_urdf` make them.
+
+    Attributes:
+        name, source: the file's stem and the file.
+        links: names of all joints (of a character) or links (of a robot), parents before children.
+        parents: index of each link's parent, -1 for roots.
+        frames: rigid transform from each link to the world at rest, ``[L, 4, 4]``, metres, y up.
+        parts: triangles of the links that have some, in the order of `links`.
+    """
+
+    name: str
+    source: str
+    links: tuple[str, ...]
+    parents: tuple[int, ...]
+    frames: np.ndarray
+    parts: tuple[Part, ...]
+
+    def index(self, link: str) -> int:
+        """Index of a link; raises UserError naming the nearest known one."""
+        if link not in self.links:
+            raise UserError(f"'{self.name}' has no link '{link}'{did_you_mean(link, self.links)}")
+        return self.links.index(link)
+
+    @property
+    def origins(self) -> np.ndarray:
+        """World positions of all links at rest, ``[L, 3]`` metres."""
+        positions: np.ndarray = self.frames[:, :3, 3]
+        return positions
+
+    @cached_property
+    def triangles(self) -> np.ndarray:
+        """Corners of all triangles in the world at rest, ``[F, 3, 3]`` metres, part after part."""
+        return np.concatenate([part.placed[part.faces] for part in self.parts])
+
+
+def tree_order(parents: Sequence[int]) -> list[int]:
+    """Indices so that parents precede children; raises ValueError where links go round in a ring."""
+    children: dict[int, list[int]] = {}
+    for link, parent in enumerate(parents):
+        children.setdefault(parent, []).append(link)
+    order, waiting = [], children.get(-1, [])[::-1]
+    while waiting:
+        order.append(waiting.pop())
+        waiting += children.get(order[-1], [])[::-1]
+    if len(order) < len(parents):
+        raise ValueError("links are each other's parents")
+    return order

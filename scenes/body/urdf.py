@@ -1,0 +1,212 @@
+"""Robots from URDF files: links, the joints between them at rest, and the shapes that collide."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from scenes.body.rig import Part, Rig, tree_order
+from scenes.errors import UserError
+from scenes.mesh.mesh import joined
+from scenes.motion.frames import transform
+
+Y_UP = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""From URDF's world (x forward, y left, z up) to ours (z forward, x left, y up)."""
+
+
+def read_urdf(path: str | Path) -> Rig:
+    """Read a robot from a URDF file, in metres, all joints at 0.
+
+    A link's triangles are its collision shapes, or its visual ones where it has none; links without shapes have no
+    part. Links keep the frames of the file; the world is turned from z up to y up, the robot facing +z. Mesh files are
+    looked for beside the file: ``package://name/a/b.stl`` as ``name/a/b.stl`` or ``a/b.stl`` in its folder and those
+    above.
+
+    Raises:
+        UserError: no such file; not a URDF; a DOCTYPE (no URDF needs one, and it can make a small file huge); joints
+            that name unknown links, give one two parents or go round in a ring; numbers that cannot be read; a mesh
+            file that is missing or cannot be read; no shapes.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"robot file '{path}' does not exist")
+    try:
+        return _rig(path)
+    except UserError as error:
+        raise UserError(f"robot file '{path}' {error}") from error
+
+
+def _rig(path: Path) -> Rig:
+    robot = _parsed(path.read_bytes())
+    links = [_attribute(link, "name", "a link") for link in robot.findall("link")]
+    if not links or len(set(links)) < len(links):
+        raise UserError("has two links of one name; rename one" if links else "has no links; export it again")
+    place = {name: index for index, name in enumerate(links)}
+    parents, origins = [-1] * len(links), [np.eye(4)] * len(links)
+    for joint in robot.findall("joint"):
+        name = f"joint '{joint.get('name', '?')}'"
+        parent, child = (_end(joint, side, name, place) for side in ("parent", "child"))
+        if parents[child] >= 0:
+            raise UserError(f"gives link '{links[child]}' two parents, the second by {name}; keep one")
+        parents[child], origins[child] = parent, _origin(joint, name)
+    try:
+        order = tree_order(parents)
+    except ValueError as error:
+        raise UserError("has joints that go round in a ring; cut it open") from error
+    frames = np.zeros((len(links), 4, 4))
+    for link in order:
+        frames[link] = (Y_UP if parents[link] < 0 else frames[parents[link]]) @ origins[link]
+    elements = robot.findall("link")
+    parts = [part for link in order if (part := _part(elements[link], frames[link], path.parent)) is not None]
+    if not parts:
+        raise UserError("has no collision or visual shapes; export it with its meshes")
+    new = {old: index for index, old in enumerate(order)}
+    above = tuple(new.get(parents[link], -1) for link in order)
+    name = robot.get("name") or path.stem
+    return Rig(name, str(path), tuple(links[link] for link in order), above, frames[order], tuple(parts))
+
+
+def _parsed(data: bytes) -> Element:
+    if b"\0" in data:  # UTF-16 would hide a DOCTYPE
+        raise UserError("is not UTF-8 text; save it as such")
+    if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data, re.IGNORECASE):
+        raise UserError("has a DOCTYPE, which no URDF needs; remove it")
+    try:
+        robot = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise UserError(f"is not valid XML ({error}); run xacro on it first, or export it again") from error
+    if robot.tag != "robot":
+        raise UserError(f"is not a URDF: its root is <{robot.tag}>, not <robot>; give a URDF file")
+    return robot
+
+
+def _end(joint: Element, side: str, name: str, place: dict[str, int]) -> int:
+    element = joint.find(side)
+    link = None if element is None else element.get("link")
+    if link not in place:
+        raise UserError(f"has no link '{link}', the {side} of {name}; add it or remove the joint")
+    return place[link]
+
+
+def _part(link: Element, frame: np.ndarray, folder: Path) -> Part | None:
+    name = f"link '{link.get('name')}'"
+    shapes = link.findall("collision") or link.findall("visual")
+    solids = [_solid(shape, name, folder) for shape in shapes]
+    if not solids:
+        return None
+    return Part.of(str(link.get("name")), frame, *joined(solids))
+
+
+def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices in the link's frame and triangles of one collision or visual shape."""
+    import trimesh
+
+    geometry = shape.find("geometry")
+    kind = None if geometry is None or len(geometry) == 0 else geometry[0]
+    if kind is None:
+        raise UserError(f"has a {shape.tag} without geometry in {link}; remove it")
+    where = link if kind.tag == "mesh" else f"{kind.tag} of {link}"
+    if kind.tag == "mesh":
+        vertices, faces = _mesh(kind, where, folder)
+    elif kind.tag == "box":
+        solid = trimesh.creation.box(extents=_sizes(kind, "size", where, 3))
+        vertices, faces = solid.vertices, solid.faces
+    elif kind.tag == "sphere":
+        solid = trimesh.creation.icosphere(subdivisions=3, radius=_sizes(kind, "radius", where, 1)[0])
+        vertices, faces = solid.vertices, solid.faces
+    elif kind.tag in ("cylinder", "capsule"):
+        radius, length = (_sizes(kind, key, where, 1)[0] for key in ("radius", "length"))
+        if kind.tag == "cylinder":
+            solid = trimesh.creation.cylinder(radius=radius, height=length, sections=48)
+        else:
+            solid = trimesh.creation.capsule(radius=radius, height=length, count=(24, 24))
+        vertices, faces = solid.vertices - solid.bounds.mean(axis=0), solid.faces
+    else:
+        raise UserError(f"has the unknown shape <{kind.tag}> in {link}; use mesh, box, cylinder or sphere")
+    return transform(_origin(shape, where), np.asarray(vertices, dtype=np.float64)), np.asarray(faces, dtype=np.int64)
+
+
+def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (metres, the link's frame) and triangles of a mesh file, read as it stands but for its scale."""
+    import trimesh
+
+    uri = _attribute(element, "filename", where)
+    file = _found(uri, folder)
+    what = f"names the mesh '{uri}' of {where}, which"
+    if file is None:
+        raise UserError(f"{what} is not beside it; copy it there")
+    scale = np.array(_numbers(element, "scale", where, 3, "1 1 1"))
+    try:
+        scene = trimesh.load_scene(file, process=False)
+        meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    except Exception as error:  # each of trimesh's parsers raises its own kinds
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UserError(f"{what} cannot be read ({reason}); export it again") from error
+    if not meshes:
+        raise UserError(f"{what} has no triangles; export it with faces")
+    whole = trimesh.util.concatenate(meshes)
+    vertices = np.asarray(whole.vertices, dtype=np.float64) * scale
+    if not np.isfinite(vertices).all():
+        raise UserError(f"{what} has NaN or infinite coordinates; repair it")
+    faces = np.asarray(whole.faces, dtype=np.int64)
+    return vertices, faces if scale.prod() > 0 else faces[:, ::-1]
+
+
+def _found(uri: str, folder: Path) -> Path | None:
+    """The file that a mesh's address means."""
+    scheme, _, rest = uri.rpartition("://")
+    names = [rest] if scheme != "package" else [rest, rest.partition("/")[2]]
+    folders = [folder, *folder.resolve().parents] if scheme == "package" else [folder]
+    return next((at / name for at in folders for name in names if name and (at / name).is_file()), None)
+
+
+def _origin(element: Element, where: str) -> np.ndarray:
+    """Transform of an element's <origin>: fixed-axis roll, pitch and yaw, then the offset; ``[4, 4]``."""
+    origin = element.find("origin")
+    frame = np.eye(4)
+    if origin is None:
+        return frame
+    frame[:3, 3] = _numbers(origin, "xyz", where, 3, "0 0 0")
+    roll, pitch, yaw = _numbers(origin, "rpy", where, 3, "0 0 0")
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
+    frame[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return frame
+
+
+def _numbers(element: Element, key: str, where: str, count: int, default: str | None = None) -> list[float]:
+    text = element.get(key, default)
+    try:
+        numbers = [float(word) for word in (text or "").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        wanted = "a number" if count == 1 else f"{count} numbers"
+        raise UserError(f"states {key}={_quoted(text)} for the {where}; give {wanted}")
+    return numbers
+
+
+def _sizes(element: Element, key: str, where: str, count: int) -> list[float]:
+    numbers = _numbers(element, key, where, count)
+    if min(numbers) <= 0:
+        raise UserError(f"states {key}={_quoted(element.get(key))} for the {where}; give positive metres")
+    return numbers
+
+
+def _attribute(element: Element, key: str, where: str) -> str:
+    if not (value := element.get(key)):
+        raise UserError(f"has no {key} for {where}; add it")
+    return value
+
+
+def _quoted(value: Any) -> str:
+    return "nothing" if value is None else f"'{value}'"

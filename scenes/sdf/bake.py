@@ -1,0 +1,219 @@
+"""From triangles to a grid of signed distances, with an explicit rule for which space is free.
+
+Distances come from `scenes.sdf.distances`, signs from `scenes.sdf.signs`, the rule from `scenes.sdf.free_space`; here
+they are put together, thin walls are given a thickness where the user wants one, and results are cached.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, Literal, TypeVar
+
+import numpy as np
+import torch
+
+from scenes.errors import UserError
+from scenes.files import atomic_write, clear_stale
+from scenes.mesh.mesh import Mesh
+from scenes.mesh.surface import Surface, thin_walls
+from scenes.sdf.blocks import SdfBlocks
+from scenes.sdf.distances import Soup, unsigned
+from scenes.sdf.free_space import FreeSpace, check_free_space, decide
+from scenes.sdf.grid import SdfGrid
+from scenes.sdf.lattice import Lattice
+from scenes.sdf.signs import Signs, sign
+
+FORMAT = 5
+"""Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
+
+
+Grid = TypeVar("Grid", SdfGrid, SdfBlocks)
+
+
+@dataclass(frozen=True, eq=False)
+class Bake(Generic[Grid]):
+    """A baked grid, and what was decided on the way.
+
+    Attributes:
+        grid: the signed distances.
+        rule: "outside", "inside" or "seed": where space is free.
+        signs: what kind of mesh it is, and how sure the sign of every voxel is.
+        inward: the triangles face into a room.
+        message: what was decided, one sentence.
+        free: space is free where the winding number lies between these two.
+    """
+
+    grid: Grid
+    rule: str
+    signs: Signs
+    inward: bool
+    message: str
+    free: tuple[float, float] = (-0.5, 0.5)
+
+    @property
+    def closed(self) -> bool:
+        """The mesh has no unmatched edge."""
+        return self.signs.kind == "closed"
+
+    @property
+    def boundary_edges(self) -> int:
+        """Number of unmatched edges."""
+        return self.signs.boundary_edges
+
+    @property
+    def summary(self) -> str:
+        """The decision, and how sure the signs are."""
+        return f"{self.message}; signs: {self.signs.summary}"
+
+
+def default_cache() -> Path:
+    """Folder of cached bakes: ``$SCENECTL_CACHE``, or the platform's cache folder."""
+    if stated := os.environ.get("SCENECTL_CACHE"):
+        return Path(stated).expanduser() / "bakes"
+    from platformdirs import user_cache_path
+
+    return user_cache_path("scenectl") / "bakes"
+
+
+def bake(
+    mesh: Mesh,
+    resolution: int = 256,
+    padding: float | int = 0.1,
+    free_space: FreeSpace = "auto",
+    cache: Path | Literal["default"] | None = "default",
+    lattice: Lattice | None = None,
+    thickness: float | int = 0.0,
+    threads: int | None = None,
+) -> Bake[SdfGrid]:
+    """Signed distance grid of a mesh, positive in free space.
+
+    Args:
+        mesh: any triangles: closed solids, rooms scanned from inside, or loose polygons.
+        resolution: nodes along the longest padded side, 8 to 512; voxels are cubes.
+        padding: metres added to the bounds on each side, 0 to 100.
+        free_space: "outside": what the mesh encloses is solid, whichever way it faces. "auto": the same, unless the
+            triangles face into a room, and then the room's air is free and all else solid. A point (x, y, z) in the
+            air (m, world): space that is enclosed as that point is.
+        cache: folder of earlier bakes; "default" for `default_cache`, None for none.
+        lattice: the nodes themselves, instead of those that `resolution` and `padding` give; must hold the mesh.
+        thickness: metres, 0 to 10; pieces of the mesh that enclose nothing (one-sided or double-sided walls), or are
+            thinner than this, become solid up to half of it on both sides.
+        threads: at most so many; default, all processors. They do not change the result.
+
+    Raises:
+        UserError: resolution, padding or thickness out of range, an unknown rule, a mesh without area or outside the
+            lattice, or a seed point outside the padded bounds or on a surface.
+    """
+    check_resolution(resolution)
+    check_metres("padding", padding, 100)
+    check_thickness(thickness)
+    free_space = check_free_space(free_space)
+    lattice = lattice or Lattice.around(mesh.bounds, resolution, padding)
+    key = _key(mesh, lattice, free_space, float(thickness))
+    return cached(cache, key, SdfGrid, lambda: _baked(mesh, lattice, free_space, float(thickness), threads))
+
+
+def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float, threads: int | None) -> Bake[SdfGrid]:
+    surface = Surface.of(mesh)
+    low, high = surface.bounds
+    slack = 1e-6 * lattice.spacing
+    if (low < lattice.bounds[0] - slack).any() or (high > lattice.bounds[1] + slack).any():
+        raise UserError(f"mesh '{mesh.name}' reaches beyond the lattice {lattice.bounds.tolist()} m; give a larger one")
+    rule = decide(surface, free_space, lattice.bounds, mesh.name)
+    soup = Soup.of(surface, lattice)
+    distance = unsigned(soup, threads)
+    signs = sign(distance, soup, surface, rule, lattice.spacing, threads)
+    if (thin := thin_walls(surface, thickness)) is not None:
+        walls = unsigned(Soup.of(thin, lattice), threads)
+        walls *= np.float32(lattice.spacing)
+        walls -= np.float32(thickness / 2)
+        np.minimum(distance, walls, out=distance)
+    grid = SdfGrid(
+        torch.from_numpy(distance), torch.tensor(lattice.origin, dtype=torch.float64), lattice.spacing, rule.beyond
+    )
+    return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
+
+
+def check_metres(what: str, value: float | int, most: float | int) -> None:
+    """Raise UserError unless a length is finite, not negative and at most `most`."""
+    if not (math.isfinite(value) and 0 <= value <= most):
+        raise UserError(f"bake {what} is {value} m; give 0 to {most:g} m")
+
+
+def check_thickness(thickness: float | int) -> float:
+    """The thickness of walls as given; raises UserError unless it is 0 to 10 m."""
+    check_metres("thickness", thickness, 10)
+    return float(thickness)
+
+
+def check_resolution(resolution: int) -> None:
+    """Raise UserError unless `resolution` is a whole number of nodes from 8 to 512."""
+    if isinstance(resolution, bool) or not isinstance(resolution, int) or not 8 <= resolution <= 512:
+        raise UserError(f"bake resolution is {resolution}; give a whole number of nodes from 8 to 512")
+
+
+# ------------------------------------------------------------------------------------------------------------- cache
+
+
+def _key(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float) -> str:
+    # The name is part of the message that is stored, so it is part of the key.
+    text = repr((FORMAT, mesh.digest, mesh.name, lattice, free_space, thickness))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def cached(
+    cache: Path | Literal["default"] | None, key: str, kind: type[Grid], make: Callable[[], Bake[Grid]]
+) -> Bake[Grid]:
+    """The bake that a folder keeps under a key, or else made and kept there; `kind` is its grid's class."""
+    folder = default_cache() if cache == "default" else cache
+    path = None if folder is None else Path(folder) / f"{key}.npz"
+    if path is not None and (found := _load(path, key, kind)) is not None:
+        return found
+    result = make()
+    if path is not None:
+        _store(path, key, result)
+    return result
+
+
+def _store(path: Path, key: str, result: Bake[Grid]) -> None:
+    facts = {
+        "key": np.array(key),
+        "rule": np.array(result.rule),
+        "message": np.array(result.message),
+        "kind": np.array(result.signs.kind),
+        "confidence": np.zeros(0, np.uint8) if result.signs.confidence is None else result.signs.confidence,
+        "inward": np.array(result.inward),
+        "boundary_edges": np.array(result.boundary_edges),
+        "free": np.array(result.free),
+    }
+    try:
+        with atomic_write(path) as file:
+            np.savez(file, allow_pickle=False, **facts, **result.grid.arrays())
+        clear_stale(path.parent)
+    except (OSError, UserError) as error:  # a full or read-only disk costs time, not the result
+        warnings.warn(f"the bake could not be cached: {error}", stacklevel=3)
+
+
+def _load(path: Path, key: str, kind: type[Grid]) -> Bake[Grid] | None:
+    """A cached bake, or None when there is none or its file is damaged (then it is baked again and replaced)."""
+    try:
+        with np.load(path, allow_pickle=False) as data:  # reading an array checks its CRC
+            if str(data["key"]) != key:
+                return None
+            confidence = data["confidence"] if data["confidence"].size else None
+            return Bake(
+                kind.from_arrays(data),
+                rule=str(data["rule"]),
+                signs=Signs(str(data["kind"]), int(data["boundary_edges"]), confidence),
+                inward=bool(data["inward"]),
+                message=str(data["message"]),
+                free=(float(data["free"][0]), float(data["free"][1])),
+            )
+    except Exception:  # zipfile, numpy and our own checks raise many kinds; all mean "bake it again"
+        return None

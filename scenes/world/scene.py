@@ -1,0 +1,313 @@
+"""Scenes: meshes, analytic shapes, objects that move and a floor, as one distance field."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Sequence
+from functools import cached_property, reduce
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from scenes.errors import UserError, did_you_mean
+from scenes.mesh.mesh import Mesh, load_mesh
+from scenes.mesh.primitives import Capsule, Plane, Primitive, Sphere
+from scenes.mesh.surface import Surface, thin_walls
+from scenes.sdf.bake import Bake, bake, check_resolution, check_thickness
+from scenes.sdf.bake_blocks import bake_blocks, check_spacing
+from scenes.sdf.field import DistanceField
+from scenes.sdf.free_space import FreeSpace, Rule, check_free_space, decide, signed_distance
+from scenes.sdf.lattice import Lattice
+from scenes.world.moving import MovingObject
+
+if TYPE_CHECKING:
+    from scenes.world.floor import Floor
+
+PADDING = 0.1
+"""Metres of grid around each mesh."""
+
+DENSE = 2**26
+"""Nodes up to which a stated spacing gives a dense grid: 256 MB."""
+
+BUNDLED = Path(__file__).parents[1] / "bundled"
+
+
+class Scene:
+    """What a person can meet: any mix of meshes, primitives and objects that move, and the floor.
+
+    Meshes are baked when distances are first asked for (or read from the cache), so that a scene can be described and
+    checked at no cost.
+    """
+
+    def __init__(
+        self,
+        meshes: Sequence[Mesh] = (),
+        primitives: Sequence[Primitive] = (),
+        floor: float | int | None = None,
+        resolution: int = 256,
+        free_space: FreeSpace = "auto",
+        cache: Path | Literal["default"] | None = "default",
+        name: str = "scene",
+        objects: Sequence[MovingObject] = (),
+        thickness: float | int = 0.0,
+        spacing: float | int | None = None,
+    ) -> None:
+        """Describe a scene.
+
+        Args:
+            meshes: each is baked into a grid of its own.
+            primitives: analytic shapes, which may move.
+            floor: height (m) on which soles stand. Stated, or without meshes (then 0), it is a plane that is part of
+                the distance; otherwise the floor is that of the meshes, found when asked for.
+            resolution: nodes along the longest side of each mesh's grid, 8 to 512.
+            free_space: the rule of `scenes.sdf.bake.bake`. A seed point applies to the meshes whose bounds hold it, and
+                must lie within at least one; the others are solid inside.
+            cache: folder of bakes, "default", or None.
+            name: for reports.
+            objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
+            thickness: metres that walls without thickness, or with less, are given (see `scenes.sdf.bake.bake`).
+            spacing: metres between nodes, instead of `resolution`; where a dense grid would be large, its nodes are
+                kept near surfaces only (see `scenes.sdf.bake_blocks.bake_blocks`).
+        """
+        self.meshes = tuple(meshes)
+        self.primitives = tuple(primitives)
+        self.objects = tuple(objects)
+        check_resolution(resolution)
+        self.resolution = resolution
+        self.thickness = check_thickness(thickness)
+        self.spacing = None if spacing is None else check_spacing(spacing)
+        self.free_space = check_free_space(free_space)
+        self.cache: Path | Literal["default"] | None = cache
+        self.name = name
+        self.stated_floor = 0.0 if floor is None and not self.meshes else floor
+        if self.stated_floor is not None and not np.isfinite(self.stated_floor):
+            raise UserError(f"scene '{name}': the floor height is {floor}; give finite metres")
+
+    @classmethod
+    def empty(cls, floor: float | int = 0.0) -> Scene:
+        """A floor plane and nothing else."""
+        return cls(floor=floor, name="empty")
+
+    @cached_property
+    def planes(self) -> tuple[Plane, ...]:
+        """The floor as a plane where it is stated, else nothing."""
+        return () if self.stated_floor is None else (Plane((0.0, self.stated_floor, 0.0), (0.0, 1.0, 0.0)),)
+
+    @property
+    def padding(self) -> float:
+        """Metres of grid around each mesh; thickened walls stand out of it."""
+        return PADDING + self.thickness / 2
+
+    @cached_property
+    def bakes(self) -> tuple[Bake[Any], ...]:
+        """The baked grid of every mesh."""
+        rules = [self._free_space_of(mesh) for mesh in self.meshes]
+        return tuple(self._baked(mesh, rule) for mesh, rule in zip(self.meshes, rules, strict=True))
+
+    def _baked(self, mesh: Mesh, rule: FreeSpace) -> Bake[Any]:
+        """One mesh, on nodes `spacing` apart where that is stated: all of them, or those near surfaces."""
+        if self.spacing is None:
+            return bake(mesh, self.resolution, self.padding, rule, self.cache, thickness=self.thickness)
+        size = np.ptp(mesh.bounds, axis=0) + 2 * self.padding
+        if float(np.prod(size / self.spacing + 1)) <= DENSE:
+            lattice = Lattice.spaced(mesh.bounds, self.spacing, self.padding)
+            return bake(mesh, free_space=rule, cache=self.cache, lattice=lattice, thickness=self.thickness)
+        if self.thickness:
+            raise UserError(
+                f"mesh '{mesh.name}' is too large for walls to be given a thickness at a spacing of {self.spacing:g} m;"
+                " state a coarser spacing or a resolution"
+            )
+        return bake_blocks(mesh, self.spacing, self.padding, rule, self.cache)
+
+    @cached_property
+    def fields(self) -> tuple[DistanceField, ...]:
+        """Everything that `distance` is the minimum of: grids, primitives, objects, and the floor plane if stated."""
+        return (*(result.grid for result in self.bakes), *self.primitives, *self.objects, *self.planes)
+
+    def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
+        """Signed distance (m) to the nearest of all fields, positive in free space, differentiable.
+
+        Args:
+            points: metres, world.
+            time: seconds on the task's clock, broadcastable to ``points[..., 0]``; None means 0 s.
+        """
+        return reduce(torch.minimum, (field.distance(points, time) for field in self.fields))
+
+    def distance_exact(self, points: np.ndarray, time: np.ndarray | float | None = None) -> np.ndarray:
+        """Signed distance (m) from the triangles themselves: the oracle that scores motions.
+
+        Slow and independent of every grid: libigl's point-to-mesh distance with the sign of the winding number under
+        the bake's rule; primitives and the floor are analytic; objects are met where they are at each point's time.
+
+        Args:
+            points: ``[n, 3]`` metres, world.
+            time: seconds, scalar or ``[n]``; None means 0 s.
+
+        Returns:
+            ``[n]`` float64 metres, positive in free space.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise UserError(f"points have shape {points.shape}; give [n, 3]")
+        if not np.isfinite(points).all():
+            raise UserError("points for an exact distance hold NaN or infinite coordinates; give finite metres")
+        tensor = torch.from_numpy(np.ascontiguousarray(points))
+        when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
+        results = [shape.distance(tensor, when).numpy() for shape in (*self.primitives, *self.planes)]
+        for surface, rule, walls in self._surfaces:
+            results.append(signed_distance(surface, rule, points))
+            if walls is not None:
+                results.append(walls.unsigned_distance(points) - self.thickness / 2)
+        results += [thing.distance_exact(points, time) for thing in self.objects]
+        nearest: np.ndarray = np.minimum.reduce(results)
+        return nearest
+
+    @cached_property
+    def _surfaces(self) -> tuple[tuple[Surface, Rule, Surface | None], ...]:
+        """Every mesh cleaned, which of its space is free, and its walls that are given a thickness."""
+        found = []
+        for mesh in self.meshes:
+            surface = Surface.of(mesh)
+            rule = decide(surface, self._free_space_of(mesh), self._padded(mesh), mesh.name)
+            found.append((surface, rule, thin_walls(surface, self.thickness)))
+        return tuple(found)
+
+    def _free_space_of(self, mesh: Mesh) -> FreeSpace:
+        """The scene's rule as it applies to one mesh: a seed elsewhere says nothing about a small object."""
+        if isinstance(self.free_space, str) or self._holds_seed(mesh) or not any(map(self._holds_seed, self.meshes)):
+            return self.free_space  # no mesh holds it: bake says so
+        return "outside"
+
+    def _holds_seed(self, mesh: Mesh) -> bool:
+        low, high = self._padded(mesh)
+        return bool((low <= np.array(self.free_space)).all() and (np.array(self.free_space) <= high).all())
+
+    def _padded(self, mesh: Mesh) -> np.ndarray:
+        padded: np.ndarray = mesh.bounds + np.array([[-self.padding], [self.padding]])
+        return padded
+
+    @cached_property
+    def floor(self) -> Floor:
+        """The floor: as stated, or found in the meshes."""
+        from scenes.world.floor import Floor, find_floor
+
+        if self.stated_floor is not None:
+            return Floor(height=float(self.stated_floor), found=False)
+        return find_floor(self.meshes)
+
+    @cached_property
+    def ground(self) -> float | None:
+        """Height (m, world) on which soles stand; None where no floor is stated, nor found in the meshes."""
+        try:
+            return self.floor.height
+        except UserError:
+            return None
+
+    @property
+    def moving(self) -> tuple[MovingObject | Sphere | Capsule, ...]:
+        """The objects and primitives whose ``mesh(time)`` depends on the time."""
+        shapes = [p for p in self.primitives if isinstance(p, Sphere | Capsule) and p.motion is not None]
+        return (*self.objects, *shapes)
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest corner of meshes, primitives and objects with their motions, ``[2, 3]``, metres.
+
+        A scene with nothing but a floor has no bounds of its own; it is given 40 x 4 x 40 m around the origin.
+        """
+        solids = [mesh.bounds for mesh in self.meshes] + [thing.bounds for thing in self.objects]
+        solids += [_reach(p) for p in self.primitives if not isinstance(p, Plane)]
+        if self.meshes:
+            return _hull(solids)
+        low = self.stated_floor or 0.0
+        return _hull([*solids, np.array([[-20.0, low, -20.0], [20.0, low + 4.0, 20.0]])])
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of everything that distances depend on, hexadecimal."""
+        text = repr(
+            (
+                [mesh.digest for mesh in self.meshes],
+                self.primitives,
+                self.stated_floor,
+                self.resolution,
+                self.free_space,
+                self.thickness,
+                self.spacing,
+                [thing.digest for thing in self.objects],
+            )
+        )
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def report(self) -> list[str]:
+        """What was decided about each mesh, one sentence each; bakes them if that has not happened yet."""
+        moving = [thing.bake for thing in self.objects]
+        return [result.summary for result in (*self.bakes, *moving) if result is not None]
+
+    def __repr__(self) -> str:
+        counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"
+        return f"Scene('{self.name}', {counts})"
+
+
+def _hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
+    return np.stack([np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)])
+
+
+def _reach(shape: Primitive) -> np.ndarray:
+    """Bounds ``[2, 3]`` of a primitive over its whole motion."""
+    if isinstance(shape, Sphere | Capsule) and shape.motion is not None:
+        return _hull([shape.mesh(time).bounds for time in shape.motion.times])
+    return shape.mesh().bounds
+
+
+def load_scene(
+    path: str | Path,
+    unit: str | None = None,
+    up: str | None = None,
+    floor: float | int | None = None,
+    resolution: int = 256,
+    free_space: FreeSpace = "auto",
+    primitives: Sequence[Primitive] = (),
+    cache: Path | Literal["default"] | None = "default",
+    objects: Sequence[MovingObject] = (),
+    thickness: float | int = 0.0,
+    spacing: float | int | None = None,
+) -> Scene:
+    """A scene from one mesh file, plus primitives and objects; arguments as `load_mesh` and `Scene` take them."""
+    mesh = load_mesh(path, unit, up)
+    return Scene([mesh], primitives, floor, resolution, free_space, cache, mesh.name, objects, thickness, spacing)
+
+
+def bundled_names() -> list[str]:
+    """Names of the scenes that come with the package."""
+    return sorted(path.stem for path in BUNDLED.glob("*.glb"))
+
+
+def bundled(
+    name: str,
+    resolution: int = 256,
+    primitives: Sequence[Primitive] = (),
+    cache: Path | Literal["default"] | None = "default",
+    objects: Sequence[MovingObject] = (),
+    thickness: float | int = 0.0,
+    spacing: float | int | None = None,
+) -> Scene:
+    """A scene that comes with the package; raises UserError for an unknown name.
+
+    Its ``.toml`` file states the floor's height and may state `free_space`.
+    """
+    if name not in bundled_names():
+        raise UserError(f"unknown bundled scene '{name}'{did_you_mean(name, bundled_names())}")
+    facts: dict[str, Any] = {}
+    if (notes := BUNDLED / f"{name}.toml").is_file():
+        facts = tomllib.loads(notes.read_text(encoding="utf-8"))
+    mesh = load_mesh(BUNDLED / f"{name}.glb")
+    free_space = facts.get("free_space", "auto")
+    return Scene(
+        [mesh], primitives, facts.get("floor"), resolution, free_space, cache, name, objects, thickness, spacing
+    )

@@ -1,0 +1,55 @@
+"""The query bench: every method answers the same question, and the rows say what was asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from scenectl.bench.scenes.query import COUNTS, PATTERNS, bench_query, make_points, methods, plot
+from scenes.errors import UserError
+from scenes.sdf.bake import bake
+from scenes.sdf.lattice import Lattice
+from scenes.world.scene import bundled
+
+
+def test_every_method_answers_the_same_question() -> None:
+    mesh = bundled("pillars").meshes[0]
+    grid = bake(mesh, lattice=Lattice.cube(mesh.bounds, 32, padding=0.1)).grid
+    points = make_points(grid, 500, "uniform")
+    found = methods(grid, mesh, points)
+    value, gradient = found["scenectl"]()
+    for name in ("grid_sample", "torch"):
+        other, slope = found[name]()
+        torch.testing.assert_close(other, value, atol=1e-4, rtol=0)
+        # rounding puts a point that lies on a face into either voxel, whose gradients differ
+        assert ((slope - gradient).abs().amax(-1) < 1e-3).double().mean() > 0.98
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_points_are_many_single_and_in_the_grid(pattern: str) -> None:
+    mesh = bundled("living_room").meshes[0]
+    grid = bake(mesh, lattice=Lattice.cube(mesh.bounds, 16, padding=0.1)).grid
+    points = make_points(grid, COUNTS[0] + 7, pattern)
+    low, high = torch.from_numpy(grid.bounds).float()
+    assert points.shape == (COUNTS[0] + 7, 3) and points.dtype == torch.float32 and points.is_contiguous()
+    assert (points == points.clamp(low, high)).all(-1).double().mean() > 0.99
+    assert torch.equal(points, make_points(grid, COUNTS[0] + 7, pattern))
+
+
+def test_rows_and_summary(tmp_path: Path) -> None:
+    threads = torch.get_num_threads()
+    result = bench_query("pillars", resolution=16, repeats=1, counts=(50, 90), patterns=PATTERNS)
+    assert torch.get_num_threads() == threads
+    assert {(row["points"], row["pattern"]) for row in result["rows"]} == {(n, p) for n in (50, 90) for p in PATTERNS}
+    assert {"scenectl", "grid_sample", "torch"} <= {row["method"] for row in result["rows"]}
+    seconds = {(row["pattern"], row["method"]): row["seconds"] for row in result["rows"] if row["points"] == 90}
+    ratios = [seconds[p, "grid_sample"] / seconds[p, "scenectl"] for p in PATTERNS]
+    assert result["summary"]["speedup_90"] == pytest.approx(min(ratios))
+    plot(result, tmp_path / "query.png")
+    assert (tmp_path / "query.png").read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(UserError, match="unknown pattern 'unifrm'; did you mean 'uniform'"):
+        bench_query("pillars", patterns=("unifrm",))
+    with pytest.raises(UserError, match="repeats"):
+        bench_query("pillars", repeats=0)

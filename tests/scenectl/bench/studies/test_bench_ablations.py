@@ -1,0 +1,102 @@
+"""Ablations on a tiny model: chunks join up, control is scored, pictures show what they say."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+
+from scenectl.bench.studies import ablations
+from scenectl.bench.studies.ablations import ABLATIONS, SCHEDULES, controlled, in_chunks
+from scenectl.bench.studies.figures import (
+    _plane,
+    draw_code_use,
+    draw_scales,
+    draw_spectrogram,
+    draw_tilt,
+    draw_trade_off,
+    guided_scales,
+    spectrogram,
+)
+from scenectl.control import SolverSettings
+from scenectl.data.corpus import load_motions
+from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.training.dataset import prepare
+from tests.scenectl.small import bundle
+from tests.scenectl.training.folder import walks
+
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return walks(tmp_path_factory.mktemp("data"))
+
+
+def test_schedules_are_those_of_table_9() -> None:
+    assert all(len(s) == k and s[0] == 1 and s[-1] == 16 and sorted(set(s)) == list(s) for k, s in SCHEDULES.items())
+    assert next(iter(ABLATIONS)) == "figures" and "iterations" in ABLATIONS
+
+
+def test_chunks_are_reconstructed_one_by_one_and_cut_to_length() -> None:
+    tokenizer = bundle().tokenizer
+    features = torch.randn(2, 20, 263)
+    torch.testing.assert_close(in_chunks(tokenizer, features, None), tokenizer.decode(tokenizer.encode(features)))
+    got = in_chunks(tokenizer, features, 8)
+    assert got.shape == features.shape
+    torch.testing.assert_close(got[:, 8:16], tokenizer.decode(tokenizer.encode(features[:, 8:16])))
+    filled = torch.cat([features[:, 16:], features[:, -1:].expand(-1, 4, -1)], 1)
+    torch.testing.assert_close(got[:, 16:], tokenizer.decode(tokenizer.encode(filled))[:, :4])
+
+
+def test_refinement_brings_the_pelvis_to_its_keyframes(data: Path) -> None:
+    generator, clips = MSCoT(bundle()), load_motions(data, ("test",))[:1]
+    found = controlled(generator, clips, 2, SolverSettings(iterations=15, natural=False))  # a random body has no bones
+    free = controlled(generator, clips, 2, SolverSettings(iterations=0))
+    assert found["average_error_m"] < free["average_error_m"] == free["guided_only_error_m"]
+    assert found["skating_ratio_real"] == free["skating_ratio_real"] and found["seconds"] > 0
+    assert 0 <= found["location_error"] <= 1
+
+
+def test_the_spectrogram_puts_a_wobble_at_its_frequency() -> None:
+    joints = torch.zeros(100, 22, 3)
+    joints[:, 3, 0] = torch.sin(2 * math.pi * 5.0 * torch.arange(100) / 20)
+    energy = spectrogram(joints)
+    assert (energy.argmax(1) == 8).all()  # 5 Hz of 20 / 32 Hz a line
+    assert energy.shape == (34, 17)
+
+
+def test_the_plane_shows_scores_across() -> None:
+    torch.manual_seed(0)
+    codes, gradient = torch.randn(40, 6), torch.randn(6)
+    flat = _plane(codes, codes @ gradient + 3)
+    along = (codes @ gradient)[None] / gradient.norm()
+    torch.testing.assert_close(flat[:, 0], (along - along.mean())[0], atol=1e-4, rtol=1e-3)
+    centred = codes - codes.mean(0)
+    assert (flat.norm(dim=1) <= centred.norm(dim=1) + 1e-4).all() and float(flat[:, 1].std()) > 0.5  # a projection
+
+
+def test_pictures_of_scales_guidance_and_codes(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenectl.bench.studies.figures._SECONDS", 2.0)
+    generator, test = MSCoT(bundle()), prepare(data, ["test"], None, tmp_path, 0)
+    draw_spectrogram(generator.bundle.tokenizer, test, tmp_path / "a.png")
+    draw_code_use(generator.bundle.tokenizer, test, tmp_path / "b.png")
+    guided = guided_scales(generator)
+    assert len(guided.tilts) == len(guided.expected) == generator.quantiser.scales
+    for tilt, post in zip(guided.tilts, guided.posteriors, strict=True):
+        torch.testing.assert_close(post.exp().sum(-1), torch.ones(post.shape[:2]))
+        assert float((post * 1.0 - tilt.prior).abs().max()) > 0
+    draw_scales(guided, tmp_path / "c.png", tmp_path / "d.png")
+    draw_tilt(guided, tmp_path / "e.png")
+    rows = [{"refinement_iterations": n, **controlled(generator, load_motions(data, ("test",))[:1], 1,
+             SolverSettings(iterations=n))} for n in (0, 3)]  # fmt: skip
+    draw_trade_off(rows, tmp_path / "f.png")
+    assert all((tmp_path / f"{name}.png").read_bytes().startswith(PNG) for name in "abcdef")
+
+
+def test_the_command_names_the_ablations_it_knows(scenectl, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    said = scenectl("bench", "ablations", "-o", tmp_path, "--only", "densties")
+    assert said.status == 2 and "did you mean 'densities'" in said.err
+    assert ablations.REFINERS.keys() == {"4-layer MLP", "8-layer MLP", "2-layer transformer", "3-layer transformer"}

@@ -1,0 +1,179 @@
+"""Weights on disk: what goes in comes out, and damage is answered in a sentence."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+from torch import nn
+
+from scenectl.generators.mscot.bundle import PARTS, build, load_bundle, weights_folder
+from scenectl.generators.mscot.config import ModelConfig
+from scenectl.networks.checkpoint import load_weights, read_about, save_weights
+from scenes.errors import UserError
+from tests.scenectl.small import config
+
+ABOUT = {"config": {"a": [1, 2]}, "licence": "CC0-1.0", "ä": "ü"}
+
+
+def network(width: int = 3) -> nn.Module:
+    torch.manual_seed(width)
+    made = nn.Linear(width, 4)
+    made.register_buffer("count", torch.arange(5))
+    return made
+
+
+def sentence(error: pytest.ExceptionInfo[UserError], path: Path) -> str:
+    text = str(error.value)
+    assert "\n" not in text and str(path) in text and len(text) < 400
+    return text
+
+
+def test_weights_and_description_come_back(tmp_path: Path) -> None:
+    made, other = network(), network()
+    nn.init.zeros_(other.weight)
+    save_weights(made, tmp_path / "deep" / "a.safetensors", ABOUT)
+    load_weights(other, tmp_path / "deep" / "a.safetensors")
+    assert all(torch.equal(a, b) for a, b in zip(made.state_dict().values(), other.state_dict().values(), strict=True))
+    assert read_about(tmp_path / "deep" / "a.safetensors") == ABOUT
+    assert [p.name for p in (tmp_path / "deep").iterdir()] == ["a.safetensors"]
+
+
+def test_half_precision_is_smaller_and_loads_into_full(tmp_path: Path) -> None:
+    made, other = nn.Linear(200, 50), nn.Linear(200, 50)
+    save_weights(made, tmp_path / "full", ABOUT)
+    save_weights(made, tmp_path / "half", ABOUT, half=True)
+    assert (tmp_path / "half").stat().st_size < 0.6 * (tmp_path / "full").stat().st_size
+    load_weights(other, tmp_path / "half")
+    assert other.weight.dtype == torch.float32
+    torch.testing.assert_close(other.weight, made.weight, atol=1e-4, rtol=1e-3)
+    whole = network()
+    save_weights(whole, tmp_path / "integers", ABOUT, half=True)
+    load_weights(whole, tmp_path / "integers")
+    assert whole.count.tolist() == [0, 1, 2, 3, 4] and whole.count.dtype == torch.int64
+
+
+def test_damaged_and_foreign_files_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    with pytest.raises(UserError, match="do not exist") as error:
+        load_weights(network(), path)
+    sentence(error, path)
+    save_weights(network(), path, ABOUT)
+    whole = path.read_bytes()
+    save_file({"weight": torch.zeros(4, 3)}, tmp_path / "foreign")
+    save_file({"weight": torch.zeros(4, 3)}, tmp_path / "not json", metadata={"scenectl": "{"})
+    save_file({"weight": torch.zeros(4, 3)}, tmp_path / "no table", metadata={"scenectl": "[1]"})
+    wrong = {
+        "truncated": whole[: len(whole) // 2],
+        "cut by one": whole[:-1],
+        "header": b"\xff" * 8 + whole[8:],
+        "empty": b"",
+        "noise": bytes(range(256)) * 4,
+        "pickle": pickle.dumps({"weight": 1}),
+        **{name: (tmp_path / name).read_bytes() for name in ("foreign", "not json", "no table")},
+    }
+    for name, content in wrong.items():
+        path.write_bytes(content)
+        with pytest.raises(UserError, match="damaged") as error:
+            load_weights(network(), path)
+        sentence(error, path)
+        assert name
+
+
+def test_a_torch_checkpoint_is_never_unpickled(tmp_path: Path) -> None:
+    class Bomb:
+        def __reduce__(self) -> tuple[object, tuple[str]]:
+            return exec, ("raise SystemExit('unpickled')",)
+
+    path = tmp_path / "w.safetensors"
+    torch.save({"weight": torch.zeros(3), "bomb": Bomb()}, path)
+    with pytest.raises(UserError):
+        load_weights(network(), path)
+
+
+def test_weights_of_another_network_or_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save_weights(network(3), path, ABOUT)
+    with pytest.raises(UserError, match="another shape") as error:
+        load_weights(network(5), path)
+    sentence(error, path)
+    with pytest.raises(UserError, match="another shape"):
+        load_weights(nn.Linear(3, 4), path)
+    for value in (float("nan"), float("inf")):
+        broken = network(3)
+        nn.init.constant_(broken.weight, 0.0)
+        with torch.no_grad():
+            broken.weight[0, 0] = value
+        save_weights(broken, path, ABOUT)
+        with pytest.raises(UserError, match="not finite") as error:
+            load_weights(network(3), path)
+        sentence(error, path)
+
+
+def write_bundle(folder: Path, settings: ModelConfig) -> None:
+    about = {"config": settings.model_dump(mode="json"), "licence": "CC0-1.0"}
+    for part, made in zip(PARTS, build(settings), strict=True):
+        save_weights(made, folder / f"{part}.safetensors", about)
+
+
+def plain(**changes: object) -> ModelConfig:
+    """Small networks for the text encoder 'none', whose features have one number."""
+    return config(text_dim=1, **changes)
+
+
+def test_a_bundle_is_loaded_frozen_with_its_licence(tmp_path: Path) -> None:
+    write_bundle(tmp_path, plain())
+    made = load_bundle(tmp_path)
+    assert made.config == plain() and made.licence == "CC0-1.0" and made.text.name == "none"
+    for network in (made.tokenizer, made.transformer, made.refiner):
+        assert not network.training and not any(p.requires_grad for p in network.parameters())
+
+
+def test_parts_of_different_models_are_refused(tmp_path: Path) -> None:
+    write_bundle(tmp_path, plain())
+    write_bundle(tmp_path / "other", plain(prefix="cumulative"))
+    shutil.copy(tmp_path / "other" / "transformer.safetensors", tmp_path)
+    with pytest.raises(UserError, match="different models") as error:
+        load_bundle(tmp_path)
+    sentence(error, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        {},
+        {"config": 3, "licence": ""},
+        {"config": {"name": "x"}, "licence": ""},
+        {"config": plain().model_dump(mode="json")},
+        {"config": {**plain().model_dump(mode="json"), "surprise": 1}, "licence": ""},
+    ],
+)
+def test_a_description_that_describes_no_model_is_refused(tmp_path: Path, about: dict[str, object]) -> None:
+    for part in PARTS:
+        save_weights(network(), tmp_path / f"{part}.safetensors", about)
+    with pytest.raises(UserError, match="describe no model") as error:
+        load_bundle(tmp_path)
+    sentence(error, tmp_path)
+
+
+def test_a_text_encoder_of_another_width_is_refused(tmp_path: Path) -> None:
+    write_bundle(tmp_path, config())
+    with pytest.raises(UserError, match="text encoder 'none'") as error:
+        load_bundle(tmp_path)
+    sentence(error, tmp_path)
+
+
+def test_unknown_names_and_empty_folders_are_answered(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no weights 'nowhere'"):
+        weights_folder("nowhere")
+    with pytest.raises(UserError, match="do not exist"):
+        load_bundle(tmp_path)
+    write_bundle(tmp_path, plain())
+    (tmp_path / "refiner.safetensors").unlink()
+    with pytest.raises(UserError, match="refiner") as error:
+        load_bundle(tmp_path)
+    sentence(error, tmp_path)

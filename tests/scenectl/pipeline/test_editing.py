@@ -1,0 +1,161 @@
+"""Edits: what is kept is exact, what is not is new, seams are smooth, mistakes are sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from scenectl.cli.edit import mask_of
+from scenectl.generators import Editor
+from scenectl.generators.mscot.keeping import bridged
+from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.pipeline.editing import edit, settled
+from scenes.errors import UserError
+from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import HUMANML3D, Skeleton
+from tests.scenectl.small import bundle, walk
+
+FRAMES = 60
+WALK = Motion(walk(FRAMES)).placed(Pose2D((1.0, 0.4, -2.0), 0.8))
+SPANS = {"between": (20, 40), "prefix": (0, 25), "suffix": (35, 60)}
+
+
+def mask(*spans: tuple[int, int], frames: int = FRAMES) -> Tensor:
+    out = torch.zeros(frames, dtype=torch.bool)
+    for start, end in spans:
+        out[start:end] = True
+    return out
+
+
+@pytest.fixture(scope="module")
+def generator() -> MSCoT:
+    return MSCoT(bundle())
+
+
+@pytest.mark.parametrize("kind", SPANS)
+def test_kept_frames_come_back_and_seams_are_no_rougher_than_inside(generator: MSCoT, kind: str) -> None:
+    gone = mask(SPANS[kind])
+    got = edit(generator, WALK, gone, "a person walks", samples=2, iterations=5).motion.joints
+    assert isinstance(generator, Editor) and got.shape == (2, FRAMES, 22, 3) and torch.isfinite(got).all()
+    torch.testing.assert_close(got[:, ~gone], WALK.joints[~gone].expand(2, -1, -1, -1), atol=1e-5, rtol=0)
+    rough = (got[:, 2:] - 2 * got[:, 1:-1] + got[:, :-2]).norm(dim=-1).amax((0, 2))
+    seam = torch.zeros(FRAMES - 2, dtype=torch.bool)
+    for edge in torch.nonzero(gone[1:] != gone[:-1]).flatten().tolist():
+        seam[edge - 1 : edge + 1] = True
+    assert rough[seam].max() <= 1.2 * rough[~seam].max()
+
+
+def test_seeds_and_prompts_decide_what_is_new(generator: MSCoT) -> None:
+    gone = mask((20, 40))
+    one, same, seed, prompt = (
+        edit(generator, WALK, gone, words, seed=s, iterations=0).motion.joints
+        for words, s in (("a person walks", 1), ("a person walks", 1), ("a person walks", 2), ("someone sits", 1))
+    )
+    assert torch.equal(one, same)
+    for other in (seed, prompt):
+        assert (one - other)[:, gone].abs().max() > 1e-3 and (one - other)[:, ~gone].abs().max() < 1e-5
+
+
+def test_what_the_motion_holds_where_it_is_made_anew_is_of_no_account(generator: MSCoT) -> None:
+    gone = mask((15, 22), (40, 60))
+    other = replace(WALK, joints=torch.where(gone[:, None, None], WALK.joints + torch.randn(22, 3), WALK.joints))
+    first, second = (edit(generator, m, gone, "a person walks", iterations=0).motion.joints for m in (WALK, other))
+    torch.testing.assert_close(first, second, atol=1e-5, rtol=0)
+
+
+def test_an_edit_moves_with_its_motion(generator: MSCoT) -> None:
+    there = Pose2D((3.0, -0.2, 1.0), 2.0)
+    gone = mask((0, 20))
+    here, moved = (edit(generator, m, gone, "a person walks", iterations=0).motion for m in (WALK, WALK.placed(there)))
+    torch.testing.assert_close(moved.joints, here.placed(there).joints, atol=2e-3, rtol=0)
+
+
+def test_refinement_draws_the_kept_frames_onto_the_original(generator: MSCoT) -> None:
+    gone = mask((20, 40))
+    raw, fitted = (generator_edit(generator, gone, n) for n in (0, 20))
+    assert fitted < 0.7 * raw
+
+
+def generator_edit(generator: MSCoT, gone: Tensor, iterations: int) -> float:
+    from scenectl.control import SolverSettings
+    from scenectl.pipeline.editing import Keeping
+
+    guide = Keeping(WALK, ~gone, None, SolverSettings(iterations=iterations))
+    return float(guide.cost(generator.edit(WALK, gone, "a person walks", guide).motion))
+
+
+def test_a_jump_dies_away_within_the_gap() -> None:
+    made = replace(WALK, joints=WALK.joints[None] + 0.3, valid=WALK.valid[None])
+    step = (settled(WALK, made, mask((40, 60))).joints[0] - WALK.joints)[:, 0, 0]
+    assert step[:40].abs().max() < 1e-6 and step.diff().abs().max() < 0.03 and step[-1] > 0.29
+    both = settled(WALK, made, mask((20, 40))).joints[0]  # a mere shift is undone between two seams
+    torch.testing.assert_close(both, WALK.joints, atol=1e-5, rtol=0)
+
+
+def test_gaps_are_bridged_by_lines() -> None:
+    line = torch.arange(10.0)[:, None, None].expand(10, 2, 3)
+    gone = mask((0, 2), (4, 6), (9, 10), frames=10)
+    broken = torch.where(gone[:, None, None], torch.nan, line)
+    want = torch.tensor([2.0, 2, 2, 3, 4, 5, 6, 7, 8, 8])
+    assert torch.equal(bridged(broken, gone)[:, 0, 0], want)
+
+
+BAD: dict[str, tuple[Any, Any, str]] = {
+    "nothing anew": (WALK, mask(), "no frame anew"),
+    "all anew": (WALK, mask((0, 60)), "keeps no frame"),
+    "another length of mask": (WALK, mask(frames=59), "the motion has 60 frames"),
+    "short": (Motion(walk(30)), mask((3, 9), frames=30), "30 frames"),
+    "long": (Motion(walk(200)), mask((3, 9), frames=200), "200 frames"),
+    "other rate": (replace(WALK, fps=30.0), mask((3, 9)), "30 frames a second"),
+    "a batch": (Motion(WALK.joints[None]), mask((3, 9)), "one motion"),
+    "other size": (Motion(WALK.joints * 2), mask((3, 9)), "2.00 times"),
+    "not finite": (Motion(WALK.joints * torch.nan), mask((3, 9)), "not finite"),
+    "other joints": (
+        replace(WALK, skeleton=Skeleton(tuple(f"j{i}" for i in range(22)), HUMANML3D.parents, HUMANML3D.offsets)),
+        mask((3, 9)),
+        "another skeleton",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_mistakes_are_sentences(generator: MSCoT, case: str) -> None:
+    motion, gone, words = BAD[case]
+    with pytest.raises(UserError, match=words):
+        edit(generator, motion, gone, "a person walks")
+
+
+def test_a_generator_that_cannot_edit_says_so(tiny: Any) -> None:
+    with pytest.raises(UserError, match="'tiny' cannot edit"):
+        edit(tiny.TinyGenerator(), WALK, mask((3, 9)), "a person walks")
+
+
+def test_spans_are_seconds() -> None:
+    assert torch.equal(mask_of(WALK, ["0.5-1", "2-9"], []), mask((10, 20), (40, 60)))
+    assert torch.equal(mask_of(WALK, [], ["0-1"]), mask((20, 60)))
+    for bad in ("1", "2-1", "a-b", "-1-2", "nan-inf", "7-8"):
+        with pytest.raises(UserError, match="--regenerate"):
+            mask_of(WALK, [bad], [])
+    for both in (([], []), (["0-1"], ["1-2"])):
+        with pytest.raises(UserError, match="either"):
+            mask_of(WALK, *both)
+
+
+def test_the_command_writes_a_result(
+    scenectl: Callable[..., Any], generator: MSCoT, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("scenectl.generators.load_generator", lambda *args, **kwargs: generator)
+    WALK.save(tmp_path / "motion.npz")
+    words = ("edit", tmp_path, "--keep", "0-1.5", "--prompt", "someone sits", "-o", tmp_path / "out")
+    said = scenectl(*words, "--samples", 2)
+    assert said.status == 0 and "30 of 60 frames anew" in said.out
+    made = Motion.load(tmp_path / "out" / "motion.npz")
+    torch.testing.assert_close(made.joints[:, :30], WALK.joints[:30].expand(2, -1, -1, -1), atol=1e-5, rtol=0)
+    said = scenectl("edit", tmp_path, "--keep", "0-9", "--prompt", "x", "-o", tmp_path / "out")
+    assert said.status == 2 and "no frame anew" in said.err

@@ -1,0 +1,243 @@
+"""Pictures: what is drawn where, by looking at geometry and at pixels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import torch
+
+from objectives import Objective, Term
+from scenectl.view import Picture, draw_scene
+from scenectl.view.camera import Sight, choose
+from scenectl.view.evidence import open_edges, uncertain_blocks
+from scenectl.view.shapes import BodyShape, components, face_colours, soft_shadow
+from scenes.body.body import DEFAULT_BODY
+from scenes.mesh.mesh import Mesh
+from scenes.mesh.primitives import Box, Sphere, Waypoints
+from scenes.mesh.surface import Surface
+from scenes.motion.motion import Motion, Pose2D
+from scenes.world.moving import MovingObject, Trajectory
+from scenes.world.scene import Scene, bundled
+
+SMALL = (320, 200)
+
+
+def walk(tiny: ModuleType, frames: int = 41, x: float = 0.0) -> Motion:
+    """A statue that slides 2 m along +z."""
+    way = torch.zeros(frames, 1, 3)
+    way[:, 0, 2] = torch.linspace(0.0, 2.0, frames)
+    return Motion(Pose2D((x, DEFAULT_BODY.sole_offset, 0.0)).apply(tiny.statue() + way))
+
+
+def pixels(path: Path) -> np.ndarray:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB")).astype(int)
+
+
+def reddish(image: np.ndarray) -> float:
+    """Share of pixels in the colour of the last pose."""
+    return float(((image[..., 0] > 1.6 * image[..., 1]) & (image[..., 0] > 1.8 * image[..., 2])).mean())
+
+
+def test_bodies_are_the_capsules_that_are_scored(tiny: ModuleType) -> None:
+    joints = tiny.statue().double()
+    vertices, normals = BodyShape(DEFAULT_BODY).vertices(joints.numpy())
+    assert vertices.shape == normals.shape
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
+    samples = DEFAULT_BODY.points_of(joints).numpy()
+    away = np.linalg.norm(vertices[:, None] - samples[None], axis=2) - DEFAULT_BODY.radii().numpy()
+    assert away.min(axis=1).max() < 0.03  # nothing is drawn far from what is scored
+    assert BodyShape(DEFAULT_BODY).faces.max() == len(vertices) - 1
+
+
+def test_sight_is_blocked_by_what_is_between() -> None:
+    wall = Box((0.0, 1.0, 2.0), (2.0, 2.0, 0.1)).mesh().triangles
+    eye, behind, beside = np.array([0.0, 1.0, 5.0]), np.array([0.1, 1.1, 0.0]), np.array([3.0, 1.0, 0.0])
+    assert len(Sight(wall, one_sided=False).covering(eye, behind)) > 0
+    assert len(Sight(wall, one_sided=False).covering(eye, beside)) == 0
+    # an inward-facing room turns its back to a camera outside: only the far side may cover
+    room = Box((0.0, 1.0, 0.0), (6.0, 3.0, 6.0)).mesh().triangles[:, ::-1]
+    assert len(Sight(room, one_sided=True).covering(np.array([0.0, 1.0, 9.0]), behind)) == 0
+    assert len(Sight(room, one_sided=False).covering(np.array([0.0, 1.0, 9.0]), behind)) > 0
+
+
+def test_the_camera_looks_past_walls(tiny: ModuleType) -> None:
+    joints = walk(tiny).joints[::10].reshape(-1, 3).double().numpy()
+    walls = [Box((s, 1.5, 1.0), (0.1, 3.0, 8.0)).mesh().triangles for s in (-1.5, 1.5)]
+    walls.append(Box((0.0, 1.5, -3.0), (3.0, 3.0, 0.1)).mesh().triangles)
+    sight = Sight(np.concatenate(walls), False)
+    camera = choose(joints, sight, np.array([0.0, 1.0]), 1.6)
+    assert np.mean([len(sight.covering(camera.position, p)) > 0 for p in joints]) < 0.1
+
+
+def test_shadows_lie_under_bodies(tiny: ModuleType) -> None:
+    samples = DEFAULT_BODY.points_of(tiny.statue() + torch.tensor([2.0, 0.0, -1.0])).double().numpy()
+    x, z, dark = soft_shadow([samples], DEFAULT_BODY.radii().numpy(), [0.5])
+    i, j = np.unravel_index(dark.argmax(), dark.shape)
+    assert abs(x[i] - 2.0) < 0.3 and abs(z[j] + 1.0) < 0.3
+    assert 0.3 < dark.max() <= 0.5
+    assert dark[0].max() == dark[:, 0].max() == 0.0
+
+
+def test_scenes_keep_their_colours_and_objects() -> None:
+    mesh = bundled("doorway").meshes[0]
+    assert len(np.unique(face_colours(mesh), axis=0)) > 2
+    assert len(np.unique(components(mesh))) == 8
+    plain = Mesh(np.eye(3), np.array([[0, 1, 2]]))
+    assert face_colours(plain).tolist() == [[216, 211, 203]]
+
+
+@pytest.mark.parametrize("what", ["room", "goals"])
+def test_pictures_show_the_person(what: str, tiny: ModuleType, tmp_path: Path) -> None:
+    if what == "room":  # a closed room around the person: without cutting it open nobody would be seen
+        shell = Box((0.0, 1.4, 1.0), (3.0, 2.8, 5.0)).mesh()
+        scene = Scene([Mesh(shell.vertices, shell.faces[:, ::-1])], resolution=24, cache=None)
+        picture = Picture(scene, walk(tiny))
+    else:
+        ball = Sphere((1.0, 1.0, 1.0), 0.3, Waypoints((0.0, 2.0), ((1.0, 1.0, 1.0), (2.0, 1.0, 1.0))))
+        terms = (
+            Term("joint_target", {"position": [0.0, 2.0]}, at=1.0),
+            Term("joint_target", {"joint": "head", "position": [0.0, 1.6, 2.0]}, at=1.0),
+            Term("square_region", {"half": 1.5}),
+            Term("sphere_repulsion", {"center": [-1.0, 1.0, 1.0], "radius": 0.2}),
+            Term("joint_target", {"track": {"kind": "line", "start": [0, 1, 0], "end": [0, 1, 2], "times": [0, 1]}}),
+        )
+        path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+        picture = Picture(Scene(primitives=[ball]), walk(tiny), path, Objective(terms), "title")
+    picture.draw(tmp_path / "picture.png", size=SMALL)
+    image = pixels(tmp_path / "picture.png")
+    assert image.shape == (200, 320, 3)
+    assert reddish(image) > (0.03 if what == "room" else 0.01)  # half of it where walls are not cut away
+
+
+def test_clearance_colours_and_slices(tiny: ModuleType, tmp_path: Path) -> None:
+    scene = Scene(primitives=[Box((0.45, 1.0, 0.0), (0.2, 2.0, 1.0))])
+    picture = Picture(scene, walk(tiny))
+    vertices, _ = BodyShape(DEFAULT_BODY).vertices(picture._joints(0))
+    clearance = picture.clearances(vertices, 0)
+    assert clearance.min() < 0.15 and clearance.max() <= 1.8
+    grid = picture.slice_at(1.0)
+    inside = scene.distance(torch.tensor([[0.45, 1.0, 0.0]]))
+    assert float(inside) == pytest.approx(-0.1, abs=1e-5)
+    assert grid.point_data["distance (m)"].min() == pytest.approx(-0.1, abs=0.05)
+    picture.draw(tmp_path / "p.png", at=0.0, show_slice=True, clearance=True, size=SMALL)
+    assert pixels(tmp_path / "p.png").std() > 10
+
+
+def moving_scene() -> Scene:
+    """A box that turns by a quarter while it comes 2 m nearer, and a ball that rises."""
+    way = Trajectory((0.0, 2.0), ((3.0, 0.0, 2.0), (1.0, 0.0, 2.0)), headings=(0.0, np.pi / 2))
+    ball = Sphere((-1.0, 0.5, 1.0), 0.2, Waypoints((0.0, 2.0), ((-1.0, 0.5, 1.0), (-1.0, 1.5, 1.0))))
+    return Scene(primitives=[ball], objects=[MovingObject(Box((0.0, 0.5, 0.0), (0.2, 1.0, 0.6)), way)])
+
+
+def test_what_moves_is_drawn_where_it_is_when_the_body_is(tiny: ModuleType) -> None:
+    picture = Picture(moving_scene(), walk(tiny))
+    plotter = picture._plotter(off_screen=True, size=SMALL)
+    try:
+        poses = picture._moments(None)
+        picture.add_moving(plotter, [picture._time(frame) for frame in poses])
+        assert [round(picture._time(frame), 6) for frame in (poses[0], poses[-1])] == [0.0, 2.0]
+        for share, i in ((frame / 40, i) for i, frame in enumerate(poses)):
+            x0, x1, *_ = plotter.actors[f"moving 0 {i}"].bounds
+            assert (x0 + x1) / 2 == pytest.approx(3.0 - 2.0 * share, abs=1e-5)
+            turn = share * np.pi / 2
+            assert (x1 - x0) / 2 == pytest.approx(0.1 * np.cos(turn) + 0.3 * np.sin(turn), abs=1e-5)
+            assert plotter.actors[f"moving 1 {i}"].bounds[3] == pytest.approx(0.7 + share, abs=1e-5)
+        assert plotter.actors[f"moving 0 {len(poses) - 1}"].prop.opacity == 1.0
+        assert plotter.actors["moving 0 0"].prop.opacity < 0.3
+        assert not picture._solids  # and never where it was at 0 s as well
+    finally:
+        plotter.close()
+
+
+def test_pictures_ask_for_the_moments_they_show(
+    tiny: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[float]] = []
+    monkeypatch.setattr(Picture, "add_moving", lambda self, plotter, times: asked.append(times))
+    picture = Picture(moving_scene(), walk(tiny))
+    picture.draw(tmp_path / "all.png", size=SMALL)
+    picture.draw(tmp_path / "one.png", at=1.5, size=SMALL)
+    Picture(moving_scene()).draw(tmp_path / "scene.png", size=SMALL)
+    assert asked == [pytest.approx([0.0, 0.65, 1.35, 2.0], abs=0.06), pytest.approx([1.5]), [0.0]]
+
+
+def test_slices_and_the_window_follow_what_moves(tiny: ModuleType) -> None:
+    picture = Picture(moving_scene(), walk(tiny))
+    for time, x in ((0.0, 3.0), (2.0, 1.0)):
+        grid = picture.slice_at(0.5, time)
+        deepest = grid.points[np.where(grid.points[:, 0] > 0, grid.point_data["distance (m)"], np.inf).argmin()]
+        assert deepest[0] == pytest.approx(x, abs=0.25) and deepest[2] == pytest.approx(2.0, abs=0.25)
+    plotter = picture._plotter(off_screen=True, size=SMALL)
+    window = picture.interactive(plotter, show_slice=False)
+    try:
+        assert plotter.actors["moving 0 0"].center[0] == pytest.approx(3.0, abs=1e-5)
+        window.at(1.0)
+        assert plotter.actors["moving 0 0"].center[0] == pytest.approx(2.0, abs=1e-5)
+        assert sum(name.startswith("moving 0") for name in plotter.actors) == 1
+    finally:
+        plotter.close()
+
+
+def torn_box() -> Mesh:
+    """A box of which every triangle is apart from the next, beside a closed one."""
+    mesh = Box((0.0, 0.5, 0.0), (1.0, 1.0, 1.0)).mesh()
+    centre = mesh.triangles.mean(axis=1, keepdims=True)
+    corners = (centre + 0.9 * (mesh.triangles - centre))[2:]
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), "torn")
+
+
+def test_uncertain_voxels_and_holes_are_shown_where_they_are(tmp_path: Path) -> None:
+    scene = Scene([torn_box()], resolution=40, cache=None)
+    (result,) = scene.bakes
+    blocks = uncertain_blocks(result)
+    assert blocks is not None and result.signs.uncertain is not None
+    nodes = result.grid.nodes(np.argwhere(result.signs.uncertain))
+    assert (blocks.find_containing_cell(nodes) >= 0).all()
+    sure = result.grid.nodes(np.argwhere(~result.signs.uncertain))
+    assert (blocks.find_containing_cell(sure) < 0).all()  # a block is one voxel at this resolution
+    edges = Surface.of(torn_box()).open_edges
+    assert len(edges) == result.boundary_edges == 30
+    ends = edges.reshape(-1, 3)
+    assert np.abs(ends[:, None] - torn_box().vertices).sum(axis=2).min(axis=1).max() < 1e-9
+    assert open_edges(Surface.of(Box((0, 0, 0), (1, 1, 1)).mesh()).open_edges) is None
+    draw_scene(scene, tmp_path / "signs.png", show_signs=True)
+    draw_scene(scene, tmp_path / "plain.png")
+    red = [reddish(pixels(tmp_path / f"{name}.png")) for name in ("signs", "plain")]
+    assert red[0] > 2 * red[1] + 1e-3
+
+
+def test_scenes_alone(tmp_path: Path) -> None:
+    draw_scene(bundled("doorway", resolution=48), tmp_path / "scene.png")
+    assert pixels(tmp_path / "scene.png").std() > 15
+
+
+def test_the_window_moves_through_time(tiny: ModuleType) -> None:
+    import pyvista as pv
+
+    picture = Picture(Scene(primitives=[Box((1.0, 1.0, 0.0), (0.2, 2.0, 1.0))]), walk(tiny))
+    plotter = picture._plotter(off_screen=True, size=SMALL)
+    assert isinstance(plotter, pv.Plotter)
+    window = picture.interactive(plotter, show_slice=False)
+    try:
+        place = plotter.actors["body"].bounds[4]
+        window.at(2.0)
+        assert window.frame == 40
+        assert plotter.actors["body"].bounds[4] - place == pytest.approx(2.0, abs=1e-3)
+        window.step(-1)
+        assert window.frame == 39
+        window.toggle_slice()
+        assert "slice" in plotter.actors
+        window.at_height(0.5)
+        assert plotter.actors["slice"].bounds[2] == pytest.approx(0.5, abs=1e-3)
+        window.toggle_clearance()
+        window.toggle_slice()
+        assert "slice" not in plotter.actors
+    finally:
+        plotter.close()
