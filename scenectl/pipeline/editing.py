@@ -12,9 +12,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenectl.control.problem import Problem
 from scenectl.control.settings import SolverSettings
-from scenectl.control.solvers import minimise
+from scenectl.control.solvers.choice import minimise
+from scenectl.control.solvers.problem import Problem
 from scenectl.generators.base import Editor, Generation, Generator, Guide, Progress, Step
 from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
 from scenes.errors import UserError
