@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from scenectl.data.features import FPS, POSITIONS, features_to_joints
+from scenectl.data.features import FPS, features_to_joints
 from scenectl.generators.base import Draft, Guide, Progress, Step, silent
 from scenectl.generators.conditions import Conditions
 from scenectl.generators.mscot import SPEC
@@ -20,9 +20,9 @@ from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Posterior, Scale, clip_at, clipped, tilted
 from scenectl.generators.mscot.schedule import tokens_for
 from scenectl.generators.mscot.settings import Sampling
+from scenectl.generators.mscot.step import step_of
 from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import check_samples
-from scenectl.generators.steps import LatentStep
 from scenectl.generators.windows import Windows
 from scenectl.networks.precision import cpu_has_bfloat16
 from scenectl.networks.text import TextFeatures
@@ -31,9 +31,6 @@ from scenes.motion.motion import Motion, Pose2D
 
 SEAM = 10.0
 """Certainty with which a window follows its neighbour: `closeness` is counted so many times over."""
-
-_READ = POSITIONS.stop
-"""Features from which joints are recovered: the first so many."""
 
 
 @dataclass
@@ -206,11 +203,7 @@ class MSCoT:
 
     def _step(self, state: _State, value: Tensor, latent: Callable[[Tensor], Tensor]) -> Step:
         """A step whose value leads to the latent of the whole motion."""
-        tokenizer = self.bundle.tokenizer
-        scale, offset = tokenizer.std[:_READ], tokenizer.mean[:_READ]
-        return LatentStep(
-            value, tokenizer.decoder.net, scale, offset, latent, partial(self._placed, state), self._rough
-        )
+        return step_of(self.bundle.tokenizer, value, latent, partial(self._placed, state), self._rough)
 
     def _scale_step(self, state: _State, value: Float[Tensor, "S M d"], k: int) -> Step:
         """A step whose value holds the embeddings of scale k, the next one."""
