@@ -6,6 +6,7 @@ each seam onto the original, and what then remains of a jump is spread over the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -17,6 +18,9 @@ from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers import minimise
 from scenectl.generators.base import Editor, Generation, Generator, Guide, Progress, Step
 from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
+from scenectl.pipeline.run import Result, score
+from scenectl.tasks.schema import SceneSpec, Task
+from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
@@ -63,6 +67,37 @@ def edit(
     keeping = Keeping(motion, ~regenerate, guide, SolverSettings(iterations=iterations))
     made = generator.edit(motion, regenerate, prompt, keeping, samples, seed, progress)
     return replace(made, motion=settled(motion, made.motion, regenerate))
+
+
+def mask_of(motion: Motion, spans: Sequence[tuple[float, float]]) -> Bool[Tensor, " T"]:
+    """The frames of spans of seconds, each from its start to before its end; raises UserError for one past the end."""
+    mask = torch.zeros(motion.frames, dtype=torch.bool)
+    for start, end in spans:
+        if start >= motion.seconds:
+            raise UserError(f"{start:g}-{end:g} begins after the motion, which lasts {motion.seconds:g} s")
+        mask[round(start * motion.fps) : round(end * motion.fps)] = True
+    return mask
+
+
+def edited(
+    generator: Generator,
+    motion: Motion,
+    regenerate: Bool[Tensor, " T"],
+    prompt: str,
+    samples: int = 1,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """The edits that `edit` makes, measured on the floor that the kept frames stand on; arguments as it takes them."""
+    check(motion, regenerate)
+    made = edit(generator, motion, regenerate, prompt, samples=samples, seed=seed, progress=progress)
+    floor = float(motion.joints[~regenerate][..., 1].min()) - DEFAULT_BODY.sole_offset
+    task = Task(prompt=prompt, seconds=motion.seconds, scene=SceneSpec(floor=floor))
+    result = score(made.motion, task, progress)
+    result.report["seed"] = seed
+    result.report["generator"] = {"name": generator.name, "licence": generator.licence, "trace": {}}
+    result.report["edit"] = {"regenerated_frames": regenerate.nonzero().flatten().tolist()}
+    return result
 
 
 def check(motion: Motion, regenerate: Bool[Tensor, " T"]) -> None:
