@@ -6,6 +6,7 @@ each seam onto the original, and what then remains of a jump is spread over the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -18,6 +19,12 @@ from scenectl.control.solvers.problem import Problem
 from scenectl.generators import registry
 from scenectl.generators.base import Draft, Editor, Generator, Guide, Progress, Step
 from scenectl.generators.spec import Spec
+from scenectl.pipeline.results import Result
+from scenectl.pipeline.run import score
+from scenectl.tasks.schema import SceneSpec
+from scenectl.tasks.task import Task
+from scenectl.threads import threads
+from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 
@@ -61,10 +68,41 @@ def edit(
         able = [name for name in registry.names() if "edit" in registry.find(name).spec.abilities]
         raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
     check(motion, regenerate, generator.spec)
-    keeping = Keeping(motion, ~regenerate, guide)
-    draft = generator.edit(motion, regenerate, prompt, guide=keeping, samples=samples, seed=seed, progress=progress)
-    made = draft.motion if draft.step is None else refined(draft.step, keeping, SolverSettings(iterations=iterations))
+    keeping, solver = Keeping(motion, ~regenerate, guide), SolverSettings(iterations=iterations)
+    with threads():
+        draft = generator.edit(motion, regenerate, prompt, guide=keeping, samples=samples, seed=seed, progress=progress)
+        made = draft.motion if draft.step is None else refined(draft.step, keeping, solver)
     return Draft(settled(motion, made, regenerate), None, draft.trace)
+
+
+def mask_of(motion: Motion, spans: Sequence[tuple[float, float]]) -> Bool[Tensor, " T"]:
+    """The frames of spans of seconds, each from its start to before its end; raises UserError for one past the end."""
+    mask = torch.zeros(motion.frames, dtype=torch.bool)
+    for start, end in spans:
+        if start >= motion.seconds:
+            raise UserError(f"{start:g}-{end:g} begins after the motion, which lasts {motion.seconds:g} s")
+        mask[round(start * motion.fps) : round(end * motion.fps)] = True
+    return mask
+
+
+def edited(
+    generator: Generator,
+    motion: Motion,
+    regenerate: Bool[Tensor, " T"],
+    prompt: str,
+    samples: int = 1,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """The edits that `edit` makes, measured on the floor that the kept frames stand on; arguments as it takes them."""
+    made = edit(generator, motion, regenerate, prompt, samples=samples, seed=seed, progress=progress)
+    floor = float(motion.joints[~regenerate][..., 1].min()) - DEFAULT_BODY.sole_offset
+    task = Task(prompt=prompt, seconds=motion.seconds, scene=SceneSpec(floor=floor))
+    result = score(made.motion, task, progress)
+    result.report["seed"] = seed
+    result.report["generator"] = {"name": generator.name, "licence": generator.licence, "trace": {}}
+    result.report["edit"] = {"regenerated_frames": regenerate.nonzero().flatten().tolist()}
+    return result
 
 
 def check(motion: Motion, regenerate: Bool[Tensor, " T"], spec: Spec) -> None:

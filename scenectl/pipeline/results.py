@@ -103,6 +103,19 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
     return motion, report
 
 
+def load_sample(path: str | Path, sample: int = 0) -> Motion:
+    """One motion ``[T, J, 3]`` of a file or of a result's folder, where 0 is the best; raises UserError for none."""
+    path = Path(path)
+    motion = Motion.load(path / "motion.npz" if path.is_dir() else path)
+    if motion.joints.ndim == 3:
+        return motion
+    if motion.joints.ndim > 4 or sample >= len(motion.joints):
+        raise UserError(
+            f"'{path}' holds {len(motion.joints)} motions; --sample goes from 0 to {len(motion.joints) - 1}"
+        )
+    return motion[sample]
+
+
 def plain_json(value: Any) -> Any:
     """Plain JSON values; what is not finite becomes None, what JSON does not know becomes text."""
     if isinstance(value, Tensor):

@@ -20,6 +20,7 @@ from scenectl.pipeline.results import Drawer, Result, plain_json
 from scenectl.tasks.schema import Start
 from scenectl.tasks.setup import Setup, start_of
 from scenectl.tasks.task import Task
+from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 
@@ -51,7 +52,21 @@ def run(
         raise UserError(f"the seed is {seed}; give a whole number from 0 to {2**63 - 1}")
     if not 1 <= samples <= 256:
         raise UserError(f"{samples} samples cannot be made at once; give 1 to 256")
-    tell, clock = progress or silent, _Clock()
+    with threads(task.generator.threads):
+        return _run(task, samples, seed, generator, progress or silent, setup, scorer, drawer)
+
+
+def _run(
+    task: Task,
+    samples: int,
+    seed: int,
+    generator: Generator | None,
+    tell: Progress,
+    setup: Setup | None,
+    scorer: Scorer | None,
+    drawer: Drawer | None,
+) -> Result:
+    clock = _Clock()
     tell("reading the scene and planning", 0.0)
     setup = task.build(seed, spec=None if generator is None else generator.spec) if setup is None else setup
     clock.lap("plan_s")
@@ -100,7 +115,8 @@ def score(motion: Motion, task: Task, progress: Progress | None = None, drawer: 
         task = task.model_copy(update={"seconds": batch.seconds})
     setup = task.build(start=start_of(batch[0], task.load_body()))
     setup.objective.check(setup.context, batch.seconds, batch.fps, batch.t0)
-    made, rows = ranked(batch, None, setup, Scorer(setup.scene, setup.body), tell)
+    with threads(task.generator.threads):
+        made, rows = ranked(batch, None, setup, Scorer(setup.scene, setup.body), tell)
     facts: dict[str, Any] = {"seed": task.seed, "generator": None, "refinement": None, "timing": {}}
     return Result(setup, made, rows, {**report_of(setup, rows, batch.fps), **facts}, drawer)
 
@@ -108,7 +124,7 @@ def score(motion: Motion, task: Task, progress: Progress | None = None, drawer: 
 def load_task_generator(task: Task) -> Generator:
     """The generator that a task names, with its weights."""
     spec = task.generator
-    return load_generator(spec.name, spec.weights, spec.threads, **spec.settings.model_dump(exclude_unset=True))
+    return load_generator(spec.name, spec.weights, **spec.settings.model_dump(exclude_unset=True))
 
 
 class _Clock:

@@ -123,8 +123,8 @@ def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
         seconds = max(round(length / PACE, 1), spec.shortest)
         if seconds > spec.longest:
             raise UserError(
-                f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} s "
-                "at most; give a nearer target"
+                f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} "
+                "s at most; give a nearer target"
             )
         return seconds
     arrive = task.walk.arrive if task.walk is not None and task.walk.arrive is not None else task.seconds
