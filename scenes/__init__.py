@@ -31,7 +31,9 @@ from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
 from scenes.world.assembly import Assembly
 from scenes.world.contact import Closest, capsule_clearance, closest_point, march, swept_clearance
-from scenes.world.floor import Floor, FreeArea, free_area, path_length
+from scenes.world.floor.ground import Floor
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 

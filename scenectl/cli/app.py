@@ -180,7 +180,7 @@ def check(
 ) -> None:
     """Validate tasks without a model: keys, scene, start, path, goals, times and places."""
     from scenectl.tasks.schema import load_task
-    from scenes.world.floor import path_length
+    from scenes.world.floor.polyline import path_length
 
     _allow(allow_code)
     for path in tasks:

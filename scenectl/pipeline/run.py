@@ -27,7 +27,7 @@ from scenectl.tasks.schema import FPS, Problem, Start, Task, start_of
 from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.motion.motion import Motion, Pose2D
-from scenes.world.floor import path_length
+from scenes.world.floor.polyline import path_length
 
 FORMAT = 1
 """Version of report.json."""

@@ -29,7 +29,8 @@ from scenes.mesh.primitives import PRIMITIVES, Primitive, primitive
 from scenes.motion.motion import Motion, Pose2D
 from scenes.sdf.bake import Bake
 from scenes.sdf.grid import SdfGrid
-from scenes.world.floor import FreeArea, free_area, path_length, resample
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length, resample
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import BUNDLED, Scene, bundled, bundled_names, load_scene
 

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Sequence
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -23,10 +23,8 @@ from scenes.sdf.bake_blocks import bake_blocks, check_spacing
 from scenes.sdf.field import DistanceField
 from scenes.sdf.free_space import FreeSpace, Rule, check_free_space, decide, signed_distance
 from scenes.sdf.lattice import Lattice
+from scenes.world.floor.ground import Floor, find_floor
 from scenes.world.moving import MovingObject
-
-if TYPE_CHECKING:
-    from scenes.world.floor import Floor
 
 PADDING = 0.1
 """Metres of grid around each mesh."""
@@ -194,8 +192,6 @@ class Scene:
     @cached_property
     def floor(self) -> Floor:
         """The floor: as stated, or found in the meshes."""
-        from scenes.world.floor import Floor, find_floor
-
         if self.stated_floor is not None:
             return Floor(height=float(self.stated_floor), found=False)
         return find_floor(self.meshes)

@@ -10,7 +10,9 @@ import pytest
 
 from scenes.bundled.authoring import BUNDLED, SCENES, write
 from scenes.mesh.mesh import load_mesh
-from scenes.world.floor import FreeArea, find_floor, free_area, path_length
+from scenes.world.floor.ground import find_floor
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length
 from scenes.world.scene import Scene, bundled, bundled_names
 
 NAMES = sorted(SCENES)
