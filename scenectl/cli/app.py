@@ -320,7 +320,7 @@ def _scene(
 
     more: dict[str, Any] = {"thickness": thickness, "spacing": spacing}
     if name in bundled_names():
-        return bundled(name, resolution, **more)
+        return bundled(name, resolution=resolution, **more)
     if not Path(name).exists() and not Path(name).suffix:
         raise UserError(
             f"'{name}' is neither a file, a folder nor a bundled scene{did_you_mean(name, bundled_names())}"

@@ -140,10 +140,10 @@ class SceneSpec(_Table):
             given = self.model_fields_set & {"unit", "up", "floor", "free_space"}
             if given:
                 raise UserError(f"scene: '{min(given)}' is known for the bundled scene '{self.bundled}'; leave it out")
-            return bundled(self.bundled, self.resolution, shapes, **more)
+            return bundled(self.bundled, shapes, resolution=self.resolution, **more)
         if self.file is not None:
-            told = (self.unit, self.up, self.floor, self.resolution, self.free_space)
-            return load_scene(self.file, *told, primitives=shapes, **more)
+            more |= {"resolution": self.resolution, "free_space": self.free_space}
+            return load_scene(self.file, self.unit, self.up, self.floor, shapes, **more)
         name = "primitives" if shapes else "objects" if objects else "empty"
         return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects)
 
@@ -536,18 +536,18 @@ def _scene_table(scene: Scene) -> dict[str, Any] | str:
     objects = [_object_table(thing) for thing in scene.objects]
     if len(scene.meshes) > 1 or None in objects:
         return scene.name
-    facts: dict[str, Any] = {"resolution": scene.resolution, "primitives": shapes, "objects": objects}
+    facts: dict[str, Any] = {"resolution": scene.baking.resolution, "primitives": shapes, "objects": objects}
     if not scene.meshes:
         return {**facts, "floor": scene.stated_floor}
     mesh = scene.meshes[0]
     if not Path(mesh.source).is_file():
         return scene.name
-    voxels: dict[str, Any] = {"thickness": scene.thickness} if scene.thickness else {}
-    if scene.spacing is not None:
-        voxels["spacing"] = scene.spacing
+    voxels: dict[str, Any] = {"thickness": scene.baking.thickness} if scene.baking.thickness else {}
+    if scene.baking.spacing is not None:
+        voxels["spacing"] = scene.baking.spacing
     if Path(mesh.source).parent == BUNDLED:
         return {**facts, **voxels, "bundled": mesh.name}
-    told = {"unit": mesh.unit, "up": mesh.up, "floor": scene.stated_floor, "free_space": scene.free_space}
+    told = {"unit": mesh.unit, "up": mesh.up, "floor": scene.stated_floor, "free_space": scene.baking.free_space}
     return {**facts, "file": str(Path(mesh.source).resolve()), **voxels, **_plain(told)}
 
 

@@ -12,7 +12,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.ndimage import maximum_filter, minimum_filter
 from torch import Tensor
 
 from scenes.errors import UserError
@@ -178,6 +177,8 @@ class SdfGrid(Interpolated):
         Blocks at the border speak of all that is outside before them, too, where the distance to the grid changes by up
         to 1 m/m along each axis.
         """
+        from scipy.ndimage import maximum_filter, minimum_filter
+
         values = self.values.detach().cpu().numpy()
         found = np.empty((*(-(-(n - 1) // SIDE) for n in values.shape), 6))
         found[..., :3], found[..., 3:] = np.inf, -np.inf
