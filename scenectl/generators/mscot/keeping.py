@@ -8,9 +8,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from scenectl.data.features import joints_to_features, rotation_about_y
+from scenectl.data.features import joints_to_features
 from scenectl.generators.mscot.networks.tokenizer import Quantiser, Tokenizer
 from scenectl.generators.mscot.schedule import DOWNSAMPLING, tokens_for
+from scenes.motion.headings import rotation_about_y
 from scenes.motion.motion import Motion
 
 WHOLE = 0.5
