@@ -18,7 +18,7 @@ from scenes.errors import UserError
 from scenes.files import atomic_write, read_arrays
 from scenes.kernels import parts
 from scenes.kernels.contact import SIDE, lowest, steepened
-from scenes.kernels.query import curved, interpolated
+from scenes.kernels.query import interpolated
 
 Evaluate: TypeAlias = Callable[[Tensor, bool], tuple[Tensor, Tensor | None]]
 
@@ -115,21 +115,6 @@ class SdfGrid(Interpolated):
         """World positions ``[..., 3]`` (m, float64) of the nodes with integer indices ``[..., 3]``."""
         positions: np.ndarray = self.origin.cpu().numpy() + self.spacing * index
         return positions
-
-    def hessian_vector(self, points: Float[Tensor, "*b 3"], vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
-        """Second derivative (1/m) of `distance` at `points` (m) times `vectors`, where it exists: inside a voxel.
-
-        On the faces between voxels the gradient jumps, and what is given is that of one side. Outside autograd.
-        """
-        if points.shape != vectors.shape:
-            raise UserError(
-                f"vectors have shape {tuple(vectors.shape)}; give that of the points, {tuple(points.shape)}"
-            )
-        at, along = flat(points).cpu().double(), vectors.detach().reshape(-1, 3).cpu().double().contiguous()
-        product = torch.empty_like(at)
-        arrays = (*self._arrays, at.numpy().reshape(-1), along.numpy().reshape(-1))
-        in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy().reshape(-1)))
-        return product.to(points).reshape(points.shape)
 
     def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
         """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``, by the kernel where it can run."""
