@@ -10,7 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
-from scenectl.data.features import canonicalise, rotation_about_y, smoothed_heading, to_uniform_skeleton
+from scenectl.data.features import canonicalise, smoothed_heading, to_uniform_skeleton
+from scenes.motion.headings import rotation_about_y
 
 SHORTEST_LOOP = 12
 """Frames of a loop at least; half a second holds a running stride."""

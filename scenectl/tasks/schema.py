@@ -24,7 +24,8 @@ from scenes.body.proxies import load_body
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
-from scenes.world.floor import FreeArea, path_length, resample
+from scenes.world.floor.planning import FreeArea
+from scenes.world.floor.polyline import path_length, resample
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
@@ -120,10 +121,10 @@ class SceneSpec(_Table):
             given = self.model_fields_set & {"unit", "up", "floor", "free_space"}
             if given:
                 raise UserError(f"scene: '{min(given)}' is known for the bundled scene '{self.bundled}'; leave it out")
-            return bundled(self.bundled, self.resolution, shapes, **more)
+            return bundled(self.bundled, shapes, resolution=self.resolution, **more)
         if self.file is not None:
-            told = (self.unit, self.up, self.floor, self.resolution, self.free_space)
-            return load_scene(self.file, *told, primitives=shapes, **more)
+            more |= {"resolution": self.resolution, "free_space": self.free_space}
+            return load_scene(self.file, self.unit, self.up, self.floor, shapes, **more)
         name = "primitives" if shapes else "objects" if objects else "empty"
         return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects)
 

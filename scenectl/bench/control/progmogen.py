@@ -27,9 +27,10 @@ from scenectl.bench.control.keyframes import ON_FLOOR
 from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
 from scenectl.data.progmogen import FPS, HeadHeights, ProgMoGenPrompts, Prompt, load_progmogen
 from scenectl.generators.base import Generator, Progress
-from scenectl.measures.metrics import FEET, max_acceleration, skating_ratio
+from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import FEET
 
 TASKS = ("hsi1", "hsi2", "hsi3")
 COUNTS: Mapping[str, int] = {"hsi1": 64, "hsi2": 32, "hsi3": 32}

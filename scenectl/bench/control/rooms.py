@@ -21,7 +21,8 @@ from scenectl.pipeline.run import run
 from scenectl.tasks.schema import Start, Task, Walk
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
-from scenes.world.floor import FreeArea, free_area, path_length
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length
 from scenes.world.scene import Scene, bundled, load_scene
 
 PROMPT = "a person walks forward"
