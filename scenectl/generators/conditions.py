@@ -1,7 +1,8 @@
 """Conditions: goals as plain numbers, for families whose networks take them as inputs.
 
-A guide can state any differentiable goal; a network that was trained on targets takes those alone. Conditions are what
-the terms and the walk of a task say about joints at times, in the world frame. Families without such inputs ignore them.
+A guide can state any differentiable goal; a network that was trained on targets takes those alone. Conditions are
+what the terms and the walk of a task say about joints at times, in the world frame. Families without such inputs
+ignore them.
 """
 
 from __future__ import annotations
@@ -71,9 +72,7 @@ class Conditions:
     def __len__(self) -> int:
         return len(self.times)
 
-    def position_signal(
-        self, frames: int, fps: float
-    ) -> tuple[Float[Tensor, "T J 3"], Bool[Tensor, "T J 3"]]:
+    def position_signal(self, frames: int, fps: float) -> tuple[Float[Tensor, "T J 3"], Bool[Tensor, "T J 3"]]:
         """Positions on a motion's frames and the mask of what is stated, as control networks take them.
 
         A statement counts at the frame nearest to its time; those beyond the motion are left out.

@@ -32,7 +32,9 @@ class Prompts:
             raise UserError("the prompt is empty; describe the motion in a sentence, such as 'a person walks'")
         for prompt in self.sentences:
             if not 0 <= prompt.begin < (float("inf") if prompt.end is None else prompt.end):
-                raise UserError(f"prompt '{prompt.text}' is from {prompt.begin:g} to {prompt.end} s; end it after it begins")
+                raise UserError(
+                    f"prompt '{prompt.text}' is from {prompt.begin:g} to {prompt.end} s; end it after it begins"
+                )
 
     @classmethod
     def of(cls, given: Prompts | str) -> Prompts:

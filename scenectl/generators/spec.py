@@ -34,9 +34,7 @@ class Spec:
     def frames(self, seconds: float) -> int:
         """Frames of a motion of so many seconds; raises UserError where it is too short or too long."""
         if not self.shortest <= seconds <= self.longest:
-            raise UserError(
-                f"seconds is {seconds:g}; a motion lasts from {self.shortest:g} to {self.longest:g} s"
-            )
+            raise UserError(f"seconds is {seconds:g}; a motion lasts from {self.shortest:g} to {self.longest:g} s")
         return round(seconds * self.fps)
 
     @property

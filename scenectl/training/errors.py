@@ -1,4 +1,4 @@
-"""How far reconstructed motions are from the true ones, by source, joint and frequency, and that as tables of a card."""
+"""How far reconstructed motions are from the true ones by source, joint and frequency, and the tables of a card."""
 
 from __future__ import annotations
 

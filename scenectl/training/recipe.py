@@ -14,7 +14,6 @@ from scenectl.data.augment import Augmentation
 from scenectl.training.placement import Precision
 from scenes.errors import UserError, did_you_mean
 
-
 R = TypeVar("R", bound="Recipe")
 
 

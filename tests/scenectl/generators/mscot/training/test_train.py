@@ -16,7 +16,7 @@ from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe
 from scenectl.generators.mscot.training.tokenizer import _kept_scales
 from scenectl.generators.mscot.training.transformer import _corrupted
-from scenectl.tasks.schema import Task
+from scenectl.tasks.task import Task
 from scenectl.training import command
 from scenectl.training.recipe import load_recipe
 from scenes.errors import UserError
