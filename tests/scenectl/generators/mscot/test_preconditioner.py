@@ -15,6 +15,7 @@ from scenectl.generators.mscot.bundle import METRIC, PARTS, load_bundle
 from scenectl.generators.mscot.networks.preconditioner import Preconditioner
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.generators.mscot.training.preconditioner import measure_preconditioner
+from scenectl.generators.weights import described
 from scenectl.networks.checkpoint import save_weights
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
@@ -115,18 +116,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_it_is_loaded_with_its_weights_and_missed_by_nobody(folder: Path) -> None:
-    assert load_bundle(folder).metric is None
+    assert load_bundle(described(folder)).metric is None
     metric = adopted(energies_of_model())
-    save_weights(metric, folder / METRIC, {"config": bundle().config.model_dump(mode="json")})
-    loaded = load_bundle(folder).metric
+    save_weights(metric, folder / f"{METRIC}.safetensors", {"config": bundle().config.model_dump(mode="json")})
+    loaded = load_bundle(described(folder)).metric
     assert loaded is not None
     torch.testing.assert_close(loaded.root, metric.root)
 
 
 def test_another_models_metric_is_refused(folder: Path) -> None:
-    save_weights(Preconditioner(16, len(SCALES)), folder / METRIC, {"config": {"name": "other"}})
+    save_weights(Preconditioner(16, len(SCALES)), folder / f"{METRIC}.safetensors", {"config": {"name": "other"}})
     with pytest.raises(UserError, match=r"belongs to another model; measure it anew"):
-        load_bundle(folder)
-    (folder / METRIC).write_bytes(b"nonsense")
+        load_bundle(described(folder))
+    (folder / f"{METRIC}.safetensors").write_bytes(b"nonsense")
     with pytest.raises(UserError, match="damaged"):
-        load_bundle(folder)
+        load_bundle(described(folder))

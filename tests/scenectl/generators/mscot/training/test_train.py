@@ -11,11 +11,12 @@ import pytest
 import torch
 
 from scenectl.generators import load_generator
-from scenectl.generators.mscot.bundle import build, bundled_weights, load_bundle
+from scenectl.generators.mscot.bundle import build, load_bundle
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe
 from scenectl.generators.mscot.training.tokenizer import _kept_scales
 from scenectl.generators.mscot.training.transformer import _corrupted
+from scenectl.generators.weights import BUNDLED, bundled_weights, described
 from scenectl.tasks.task import Task
 from scenectl.training import command
 from scenectl.training.recipe import load_recipe
@@ -142,7 +143,7 @@ def test_bundled_weights_are_known_by_name_to_tasks_and_generators(
     for name in ("default", "permissive"):
         shutil.copytree(run / "weights", tmp_path / "weights" / name)
     (tmp_path / "weights" / "evaluator").mkdir()  # weights of something else
-    monkeypatch.setattr("scenectl.generators.mscot.bundle._BUNDLED", tmp_path / "weights")
+    monkeypatch.setattr("scenectl.generators.weights.BUNDLED", tmp_path / "weights")
     assert bundled_weights() == ["default", "permissive"]
     assert load_generator("mscot", "permissive").licence.startswith("non-commercial")
     with pytest.raises(UserError, match="did you mean 'permissive'"):
@@ -157,6 +158,7 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     assert {p.name for p in weights.iterdir()} == {
         *(f"{part}.safetensors" for part in ("tokenizer", "transformer", "refiner", "metric")),
         "MODEL_CARD.md",
+        "manifest.json",
         "metrics.json",
         "curves.png",
     }
@@ -174,6 +176,20 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     assert len(metrics["cross_entropy_by_scale"]) == 3 and all(0 < x < 10 for x in metrics["cross_entropy_by_scale"])
     assert [row["scale"] for row in metrics["code_use"]["test"]] == [1, 2, 3]
     assert (weights / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_manifest_says_what_the_headers_say(run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run / "weights", tmp_path / "bare")
+    (tmp_path / "bare" / "manifest.json").unlink()
+    for folder, bare in ((run / "weights", tmp_path / "bare"), *((BUNDLED / name, None) for name in bundled_weights())):
+        if bare is None:
+            bare = tmp_path / folder.name
+            shutil.copytree(folder, bare, ignore=shutil.ignore_patterns("manifest.json"))
+        got, wanted = described(folder), described(bare)
+        assert set(got.parts) == set(wanted.parts) == {"tokenizer", "transformer", "refiner", "metric"}
+        assert all(path.is_file() for path in got.parts.values())
+        about = ("family", "config", "licence", "credits")
+        assert all(getattr(got, name) == getattr(wanted, name) for name in about) and got.family == "mscot"
 
 
 def test_a_finished_run_is_not_trained_again(run: Path, recipe: Path, data: Path) -> None:
@@ -232,7 +248,7 @@ def test_stages_need_those_before_them(recipe: Path, data: Path, tmp_path: Path)
 
 def test_a_decoder_of_its_own_leaves_the_tokens_alone(run: Path, recipe: Path, data: Path, tmp_path: Path) -> None:
     trained, before = (weights_of(run / stage) for stage in ("decoder", "tokenizer"))
-    got = load_bundle(run / "weights").tokenizer
+    got = load_bundle(described(run / "weights")).tokenizer
     for name, tensor in got.state_dict().items():
         part, _, rest = name.partition(".")
         wanted = trained[f"averaged.{rest}"] if part == "decoder" else before[f"averaged.{name}"]
