@@ -130,7 +130,9 @@ class Run(Generic[R]):
         self.plan, self.recipe, self.data, self.out, self.iterations = plan, recipe, data, out, iterations
         self.where, self.cache = where or Placement(), cache or out / "data"
         self.stages = {stage.name: stage for stage in plan.stages if getattr(recipe, stage.name) is not None}
-        if text is not None and plan.text is not None:
+        if text is not None:
+            if plan.text is None:
+                raise UserError(f"generator '{recipe.family}' reads no text; train it without a text encoder")
             name, width = plan.text
             self.recipe = recipe.varied({name: text, width: load_text_encoder(text).dim})
 
