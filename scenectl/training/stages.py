@@ -29,13 +29,34 @@ Figures = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
+class Job:
+    """On what a stage trains, and where.
+
+    Attributes:
+        data: clips, on the device.
+        folder: holds the state, so that a killed training goes on.
+        seed: of initial weights and of what is drawn.
+        place: device and precision.
+    """
+
+    data: ClipSet
+    folder: Path
+    seed: int
+    place: Placement
+
+    def loop(self, module: nn.Module, settings: LoopSettings) -> Loop:
+        """The loop that trains a module, as far as it has come."""
+        return Loop(module, settings, self.folder, self.seed, self.place)
+
+
+@dataclass(frozen=True)
 class Stage:
     """One stage of a training; the recipe's table of the same name holds its settings, with a `loop` among them.
 
     Attributes:
         name: of the stage, of its table, and of its folder in a run.
         build: the module that it trains, untrained, for the recipe's `model`.
-        train: trains that module, or goes on, with these settings in the run's folder of this name.
+        train: trains that module, or goes on, with these settings, as the job says.
         needs: stages whose results it reads; those that a recipe leaves out count as finished.
         reads_text: it needs the text encoder.
         report: lines of the model card about the finished loop.
@@ -43,7 +64,7 @@ class Stage:
 
     name: str
     build: Callable[[Any], nn.Module]
-    train: Callable[[Run[Any], Any], Loop]
+    train: Callable[[Run[Any], Any, Job], Loop]
     needs: tuple[str, ...] = ()
     reads_text: bool = False
     report: Callable[[Loop], list[str]] = lambda loop: []
@@ -171,7 +192,8 @@ class Run(Generic[R]):
         if self.iterations is not None:
             loop = settings.loop.model_copy(update={"iterations": self.iterations})
             settings = settings.model_copy(update={"loop": loop})
-        return stage.train(self, settings)
+        data = self.clips(["train"], True).on(self.where.device)
+        return stage.train(self, settings, Job(data, self.out / name, self.recipe.seed, self.where))
 
     def finished(self, name: str) -> Loop:
         """The loop of a stage as it was left, on the CPU; its `averaged` is the result.

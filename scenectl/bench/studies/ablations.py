@@ -36,7 +36,7 @@ from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSC
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Variant, load_recipe
-from scenectl.training.stages import Run
+from scenectl.training.stages import Job, Run
 from scenectl.training.sweep import Measure, shortened, sweep, write_table
 
 Row = dict[str, Any]
@@ -253,8 +253,8 @@ def refiner(bench: Bench, tell: Tell) -> list[Path]:
         config = RefinerConfig.model_validate({**recipe.model.refiner.model_dump(), **changes})
         folder = bench.out / "models" / f"refiner-{config.kind}-{config.layers}-{bench.iterations}"
         tokenizer = load_bundle(bench.weights).tokenizer
-        data = run.clips(["train"], True)
-        loop = train_refiner(config, tokenizer, recipe.refiner, data, folder, recipe.seed, bench.where)
+        data = run.clips(["train"], True).on(bench.where.device)
+        loop = train_refiner(config, tokenizer, recipe.refiner, Job(data, folder, recipe.seed, bench.where))
         trained = loop.averaged.cpu().eval().requires_grad_(False)
         assert isinstance(trained, Refiner)
         generator = MSCoT(replace(bundle, refiner=trained))

@@ -27,7 +27,7 @@ from scenectl.training.errors import error_by_source, source_table
 from scenectl.training.loop import FRAMES, Figures, Loop
 from scenectl.training.losses import ReconstructionTraining, reconstruction_loss
 from scenectl.training.recipe import Recipe, load_recipe
-from scenectl.training.stages import Comparison, Run, Stage, Training
+from scenectl.training.stages import Comparison, Job, Run, Stage, Training
 from scenectl.training.sweep import train_sweep
 from scenes.errors import UserError
 from tests.scenectl.training.folder import same, walks
@@ -75,11 +75,11 @@ class Scale(nn.Module):
         self.register_buffer("largest", torch.tensor(largest))
 
 
-def learn(run: Run[MirrorRecipe], settings: ReconstructionTraining) -> Loop:
-    torch.manual_seed(run.recipe.seed)
-    data, model = run.clips(["train"], True), Mirror(run.recipe.model)
+def learn(run: Run[MirrorRecipe], settings: ReconstructionTraining, job: Job) -> Loop:
+    torch.manual_seed(job.seed)
+    data, model = job.data, Mirror(run.recipe.model)
     std = data.statistics()[1]
-    loop = Loop(model, settings.loop, run.out / "network", run.recipe.seed, run.where)
+    loop = job.loop(model, settings.loop)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         features = data.draw_any(settings.frames, settings.loop.batch, generator)

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from torch import nn
 
 from scenectl.data.clips import ClipSet, beginnings
+from scenectl.generators.mscot.bundle import load_bundle
 from scenectl.generators.mscot.config import ModelConfig
 from scenectl.generators.mscot.networks.preconditioner import Preconditioner
 from scenectl.generators.mscot.networks.refiner import Refiner
@@ -28,12 +29,12 @@ from scenectl.generators.mscot.training.transformer import (
     train_transformer,
 )
 from scenectl.generators.training import manifest_of
-from scenectl.networks.checkpoint import load_weights
+from scenectl.generators.weights import described
 from scenectl.training.errors import band_table, error_by_source, joint_table, source_table
 from scenectl.training.loop import Loop
 from scenectl.training.losses import ReconstructionTraining
 from scenectl.training.recipe import Recipe
-from scenectl.training.stages import Comparison, Figures, Run, Stage, Training
+from scenectl.training.stages import Comparison, Figures, Job, Run, Stage, Training
 
 FRAMES = (64, 128, 196)
 """Lengths at which reconstruction is measured; the paper's is the first."""
@@ -66,26 +67,21 @@ def tokenizer_of(run: MSCoTRun, decoder: bool = True) -> Tokenizer:
     return tokenizer
 
 
-def _tokenizer(run: MSCoTRun, settings: TokenizerTraining) -> Loop:
-    recipe, data = run.recipe, run.clips(["train"], True)
-    return train_tokenizer(recipe.model.tokenizer, settings, data, run.out / "tokenizer", recipe.seed, run.where)
+def _tokenizer(run: MSCoTRun, settings: TokenizerTraining, job: Job) -> Loop:
+    return train_tokenizer(run.recipe.model.tokenizer, settings, job)
 
 
-def _decoder(run: MSCoTRun, settings: ReconstructionTraining) -> Loop:
-    data, tokenizer = run.clips(["train"], True), tokenizer_of(run, decoder=False)
-    return train_decoder(tokenizer, settings, data, run.out / "decoder", run.recipe.seed, run.where)
+def _decoder(run: MSCoTRun, settings: ReconstructionTraining, job: Job) -> Loop:
+    return train_decoder(tokenizer_of(run, decoder=False), settings, job)
 
 
-def _refiner(run: MSCoTRun, settings: ReconstructionTraining) -> Loop:
-    recipe, data, tokenizer = run.recipe, run.clips(["train"], True), tokenizer_of(run)
-    return train_refiner(recipe.model.refiner, tokenizer, settings, data, run.out / "refiner", recipe.seed, run.where)
+def _refiner(run: MSCoTRun, settings: ReconstructionTraining, job: Job) -> Loop:
+    return train_refiner(run.recipe.model.refiner, tokenizer_of(run), settings, job)
 
 
-def _transformer(run: MSCoTRun, settings: TransformerTraining) -> Loop:
-    recipe, data, encoder = run.recipe, run.clips(["train"], True), run.encoder()
-    tokenizer, folder = tokenizer_of(run, decoder=False), run.out / "transformer"
-    model = recipe.model.transformer
-    return train_transformer(model, tokenizer, encoder, settings, data, folder, recipe.seed, run.where)
+def _transformer(run: MSCoTRun, settings: TransformerTraining, job: Job) -> Loop:
+    tokenizer = tokenizer_of(run, decoder=False)  # tokens, in which the decoder has no part
+    return train_transformer(run.recipe.model.transformer, tokenizer, run.encoder(), settings, job)
 
 
 def _new_transformer(config: ModelConfig) -> ScaleTransformer:
@@ -110,12 +106,8 @@ def _restarts(loop: Loop) -> list[str]:
 
 def _preconditioner(run: MSCoTRun, folder: Path) -> Preconditioner:
     """In what coordinates refinement of the exported weights searches best."""
-    config = run.recipe.model
-    tokenizer, refiner = Tokenizer(config.tokenizer), _new_refiner(config)
-    for part, module in (("tokenizer", tokenizer), ("refiner", refiner)):
-        load_weights(module, folder / f"{part}.safetensors")
-        module.eval().requires_grad_(False)
-    return measure_preconditioner(tokenizer, refiner, run.clips(["train"], True), run.recipe.seed)
+    bundle = load_bundle(described(folder), with_metric=False)
+    return measure_preconditioner(bundle.tokenizer, bundle.refiner, run.clips(["train"], True), run.recipe.seed)
 
 
 def _figures(run: MSCoTRun, parts: Mapping[str, nn.Module], train: ClipSet, test: ClipSet) -> dict[str, Any]:

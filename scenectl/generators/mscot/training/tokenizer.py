@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import torch
 from jaxtyping import Float, Int
 from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
-from scenectl.data.clips import ClipSet
 from scenectl.generators.mscot.config import TokenizerConfig
 from scenectl.generators.mscot.networks.tokenizer import Quantised, Tokenizer
 from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
 from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
-from scenectl.training.placement import Placement
+from scenectl.training.stages import Job
 
 REVIVED = "revived"
 """Name, in the loss curve, of the codes restarted on data, per step."""
@@ -46,29 +43,21 @@ class TokenizerTraining(BaseModel):
     reconstruction: ReconstructionWeights = ReconstructionWeights()
 
 
-def train_tokenizer(
-    config: TokenizerConfig,
-    settings: TokenizerTraining,
-    data: ClipSet,
-    folder: Path,
-    seed: int,
-    place: Placement | None = None,
-) -> Loop:
-    """Train, or go on training, in `folder`; returns the finished loop, whose `averaged` is the result.
+def train_tokenizer(config: TokenizerConfig, settings: TokenizerTraining, job: Job) -> Loop:
+    """Train, or go on training; returns the finished loop, whose `averaged` is the result.
 
     Encoder and decoder compute in the placement's precision; quantisation, joints and losses always in float32.
     """
-    place = place or Placement()
-    torch.manual_seed(seed)  # initial weights belong to the run's seed
+    place = job.place
+    torch.manual_seed(job.seed)  # initial weights belong to the run's seed
     model = Tokenizer(config)
-    mean, std = data.statistics()
-    data = data.on(place.device)
+    mean, std = job.data.statistics()
     model.mean.copy_(mean)
     model.std.copy_(std)
-    loop = Loop(model, settings.loop, folder, seed, place)
+    loop = job.loop(model, settings.loop)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
-        features = data.draw_any(settings.frames, settings.loop.batch, generator)
+        features = job.data.draw_any(settings.frames, settings.loop.batch, generator)
         with place.autocast():
             latent = model.latent(features)
         latent, quantised = latent.float(), None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
@@ -19,6 +17,7 @@ from scenectl.networks.text import TextEncoder
 from scenectl.training.captions import Captions
 from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
 from scenectl.training.placement import Placement
+from scenectl.training.stages import Job
 
 
 class TransformerTraining(BaseModel):
@@ -47,20 +46,16 @@ def train_transformer(
     tokenizer: Tokenizer,
     encoder: TextEncoder,
     settings: TransformerTraining,
-    data: ClipSet,
-    folder: Path,
-    seed: int,
-    place: Placement | None = None,
+    job: Job,
 ) -> Loop:
-    """Train, or go on training, in `folder`; the tokens are those of float32."""
-    place = place or Placement()
-    data = data.on(place.device)
+    """Train, or go on training; the tokens are those of float32."""
+    data, place = job.data, job.place
     tokenizer.to(place.device).eval().requires_grad_(False)
     captions = Captions(data, encoder)
     quantiser = tokenizer.quantiser
-    torch.manual_seed(seed)  # initial weights belong to the run's seed
+    torch.manual_seed(job.seed)  # initial weights belong to the run's seed
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
-    loop = Loop(model, settings.loop, folder, seed, place)
+    loop = job.loop(model, settings.loop)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
