@@ -9,12 +9,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from scenectl.data.clips import ClipSet
 from scenectl.data.features import FPS, features_to_joints, joints_to_features
-from scenectl.evaluation.motions import STRIDE
+from scenectl.evaluation.motions import LONGEST, SHORTEST, STRIDE
 from scenectl.generators import Generator, Progress
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
-from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
-from scenectl.training.dataset import Windows
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
 
@@ -34,7 +33,7 @@ class HeldOut:
     kinds: list[str]
 
     @classmethod
-    def of(cls, windows: Windows, seed: int, most: int | None = None) -> HeldOut:
+    def of(cls, windows: ClipSet, seed: int, most: int | None = None) -> HeldOut:
         """All clips of at least 36 frames, or `most` of them at random.
 
         Raises:
@@ -42,12 +41,12 @@ class HeldOut:
         """
         draw = torch.Generator().manual_seed(seed)
         order = torch.randperm(len(windows.ids), generator=draw).tolist()
-        chosen = sorted([i for i in order if int(windows.lengths[i]) >= MIN_FRAMES][:most])
+        chosen = sorted([i for i in order if int(windows.lengths[i]) >= SHORTEST][:most])
         if not chosen:
-            raise UserError(f"no test clip has {MIN_FRAMES} frames; evaluate on a folder with longer ones")
+            raise UserError(f"no test clip has {SHORTEST} frames; evaluate on a folder with longer ones")
         features, captions = [], []
         for i in chosen:
-            frames = min(int(windows.lengths[i]), MAX_FRAMES) // STRIDE * STRIDE
+            frames = min(int(windows.lengths[i]), LONGEST) // STRIDE * STRIDE
             features.append(windows.features[windows.starts[i] :][:frames])
             captions.append(windows.captions[i][int(torch.randint(len(windows.captions[i]), (), generator=draw))])
         return cls(features, captions, [windows.groups[i] for i in chosen])

@@ -12,7 +12,9 @@ from torch import Tensor
 
 from scenectl.bench.models.posterior import bench_posterior
 from scenectl.bench.models.tokenizer import bench_tokenizer
+from scenectl.data.clips import overlapping
 from scenectl.data.features import FPS
+from scenectl.data.sources import load_clips
 from scenectl.evaluation.evaluator import Evaluator
 from scenectl.evaluation.kinds import Confusion, KindClassifier
 from scenectl.evaluation.metrics import (
@@ -28,9 +30,8 @@ from scenectl.evaluation.metrics import (
 from scenectl.evaluation.sets import HeldOut, MotionSet, generated, of_random_tokens, real, reconstructed
 from scenectl.generators import Progress
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.measures import code_use, least_use, overlapping
+from scenectl.generators.mscot.training.measures import code_use, least_use
 from scenectl.measures.plausibility import plausibility
-from scenectl.training.sources import windows
 from scenes.files import atomic_write
 from scenes.motion.motion import Pose2D
 from scenes.sdf.bake import default_cache
@@ -69,7 +70,7 @@ def bench_generator(
     """
     tell = tell or (lambda what, done: None)
     tokenizer, cache = generator.bundle.tokenizer, default_cache() / "windows"
-    test = HeldOut.of(windows(data, ["test"], None, cache, 0), seed, clips)
+    test = HeldOut.of(load_clips(data, ["test"], None, cache, 0), seed, clips)
     # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
     check_enough(len(test.captions))
     texts = evaluator.embed_texts(test.captions)
@@ -87,7 +88,7 @@ def bench_generator(
         row["label_recall"] = confusion[str(row["set"])].macro_recall
     kinds = {name: _kinds(found) for name, found in confusion.items()}
     reconstruction = bench_tokenizer(generator.bundle, data)
-    use = code_use(tokenizer, overlapping(windows(data, ["train"], None, cache, 0), 64))
+    use = code_use(tokenizer, overlapping(load_clips(data, ["train"], None, cache, 0), 64))
     posterior = bench_posterior(generator, seed=seed, progress=tell)
     return {
         "summary": _summary(rows, reconstruction["summary"], use, posterior["summary"], kinds["generated"]["worst"]),

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from scenectl.data.sources import load_clips
 from scenectl.generators.mscot.bundle import Bundle, load_bundle
-from scenectl.generators.mscot.training.tokenizer import reconstruction_error
-from scenectl.training.sources import windows
+from scenectl.generators.mscot.training.measures import round_trip
+from scenectl.training.errors import error_by_source
 from scenes.sdf.bake import default_cache
 
 
@@ -16,11 +17,11 @@ def bench_tokenizer(
 ) -> dict[str, Any]:
     """Mean joint error (m) over the first frames of every test clip that is long enough, by source and length."""
     tokenizer = (weights if isinstance(weights, Bundle) else load_bundle(weights)).tokenizer
-    test = windows(Path(data), ["test"], None, default_cache() / "windows", 0)
+    test = load_clips(Path(data), ["test"], None, default_cache() / "windows", 0)
     rows = [
         {"frames": length, "set": name, **figures}
         for length in frames
-        for name, figures in reconstruction_error(tokenizer, test, length).items()
+        for name, figures in error_by_source(round_trip(tokenizer), test, length).items()
     ]
     summary = {
         "reconstruction_error_m": _pick(rows, "bandai"),
