@@ -58,6 +58,10 @@ def _beside(path: Path, info: Any) -> Path:  # pydantic's ValidationInfo
 File = Annotated[Path, AfterValidator(_beside)]
 """A file; relative names are looked for beside the task file."""
 
+Time = Annotated[float, "s, task clock"]
+"""A moment, which `Objective.check` compares with the motion's own."""
+Window = Annotated[tuple[float, float], "s, task clock"]
+"""From when to when; `Objective.check` refuses one that the motion does not touch."""
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
@@ -180,6 +184,20 @@ def _keys(hint: Any, value: Any) -> set[str]:
         stated = value.get("kind") if isinstance(value, Mapping) else None
         return set(hint.model_fields) if kind is None or stated in (None, kind.default) else set()
     return set().union(*(_keys(i, value) for i in get_args(hint)), set())
+
+
+def stated(hint: Any, value: Any, kind: Any) -> list[Any]:
+    """Every part of `value` whose annotation in `hint` is `kind`: `Time`, `Window`."""
+    if hint == kind:
+        base = get_args(kind)[0]
+        return [value] if isinstance(value, get_origin(base) or base) else []
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType, Annotated):
+        options = inner[:1] if origin is Annotated else inner
+        return [found for option in options for found in stated(option, value, kind)]
+    if origin is list and isinstance(value, list):
+        return [found for item in value for found in stated(inner[0], item, kind)]
+    return []
 
 
 T = TypeVar("T")
