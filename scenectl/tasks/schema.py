@@ -29,6 +29,7 @@ from scenes.mesh.primitives import PRIMITIVES, Primitive, primitive
 from scenes.motion.motion import Motion, Pose2D
 from scenes.sdf.bake import Bake
 from scenes.sdf.grid import SdfGrid
+from scenes.validation import sentence
 from scenes.world.floor import FreeArea, free_area, path_length, resample
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import BUNDLED, Scene, bundled, bundled_names, load_scene
@@ -270,7 +271,7 @@ class Task(_Table):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise UserError(_sentence(error, data)) from error
+            raise UserError(sentence(error, data, Task, hidden=("folder",))) from error
         if self.walk is not None and isinstance(self.start, Start) and self.start.free:
             raise UserError("start: 'free' cannot be solved for with a [walk], which is planned from it; keep one")
         if self.seconds is None and self.walk is None:
@@ -594,51 +595,3 @@ def _plain(value: Any) -> Any:
 def _keys(model: type[BaseModel]) -> set[str]:
     """Keys as task files write them."""
     return {info.alias or name for name, info in model.model_fields.items()} - {"folder"}
-
-
-_TABLES: dict[str, type[BaseModel]] = {
-    "scene": SceneSpec,
-    "objects": ObjectSpec,
-    "start": Start,
-    "walk": Walk,
-    "generator": GeneratorSpec,
-    "solver": SolverSettings,
-    "guidance": GuidanceSettings,
-}
-
-
-def _sentence(error: ValidationError, data: Mapping[str, Any]) -> str:
-    """The first thing wrong, in words: where, what, and the nearest known key."""
-    found = error.errors(include_url=False)
-    # A union reports each alternative it tried; what failed deepest inside a table is what the person meant.
-    first = max(found, key=lambda e: (e["type"] == "value_error", e["type"] == "extra_forbidden", len(e["loc"])))
-    *_, key = where = first["loc"] or ("task",)
-    if first["type"] == "value_error":
-        return first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        name, table, _ = _locate(where[:-1], data)
-        return (f"[{name}]: " if name else "") + f"unknown key '{key}'{did_you_mean(str(key), _keys(table))}"
-    if first["type"] == "missing" and isinstance(key, str):
-        name, _, _ = _locate(where[:-1], data)
-        return f"'{key}' is missing" + (f" in [{name}]" if name else "")
-    name, _, given = _locate(where, data)
-    message = "a number is missing" if first["type"] == "missing" else first["msg"][:1].lower() + first["msg"][1:]
-    return f"'{name}' is {given!r}: {message}"
-
-
-def _locate(where: Sequence[int | str], data: Any) -> tuple[str, type[BaseModel], Any]:
-    """The last key on the way to an error: its name, the kind of table that it names or belongs to, and its value.
-
-    Tables in lists are counted from 1; what else is on the way tells the alternatives of a union apart.
-    """
-    name, given = "", data
-    inside: type[BaseModel] = Task
-    for part in where:
-        if isinstance(part, str) and part in _keys(inside):
-            name, given = f"{name}.{part}".removeprefix("."), given.get(part) if isinstance(given, Mapping) else None
-            if part not in _TABLES:
-                break
-            inside = _TABLES[part]
-        elif isinstance(part, int) and isinstance(given, list | tuple):
-            name, given = f"{name} {part + 1}", given[part]
-    return name, inside, given
