@@ -20,7 +20,7 @@ from scenectl.generators.mscot.sampling import MSCoT, Tilt, clipped
 from scenectl.generators.mscot.schedule import MAX_FRAMES
 from scenectl.generators.mscot.training.measures import beginnings, code_use
 from scenectl.training.dataset import Windows
-from scenectl.view.strip import draw_strips
+from scenectl.view.strips import draw_strips
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.files import atomic_write
