@@ -64,3 +64,12 @@ def clear_stale(folder: Path, seconds: float = 3600.0) -> None:
                 path.unlink()
         except OSError:  # another process was faster, or owns it
             continue
+
+
+def writable_folder(folder: Path) -> None:
+    """Make a folder where there is none; raises UserError, before minutes of work, where nothing can be written."""
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"'{folder}' is a file; give -o a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK):
+        raise UserError(f"cannot write into '{folder}': permission denied")

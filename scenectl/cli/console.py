@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 if TYPE_CHECKING:
     from scenectl.generators.base import Progress as Tell
@@ -26,6 +28,8 @@ def literal(text: str) -> str:
 @contextmanager
 def bars() -> Iterator[Tell]:
     """A progress bar on standard error for each thing that is done, gone at the end."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     columns = (TextColumn("{task.description:<34}"), BarColumn(bar_width=30), TimeElapsedColumn())
     with Progress(*columns, console=err, transient=True) as bar:
         current: dict[str, Any] = {}
@@ -39,3 +43,68 @@ def bars() -> Iterator[Tell]:
             bar.update(current[what], completed=max(0.0, min(1.0, fraction)))
 
         yield tell
+
+
+def say(what: str, done: float) -> None:
+    """A line for each thing that is done, where what is done draws a bar of its own."""
+    err.print(literal(f"{done:4.0%} {what}"))
+
+
+def table(*headings: str) -> Table:
+    """A table without lines."""
+    return Table(*headings, box=None, pad_edge=False)
+
+
+def show(result: Mapping[str, Any], json_file: Path | None = None, columns: Sequence[str] = ()) -> None:
+    """Print rows and summary, and keep both.
+
+    Args:
+        result: ``{"rows": [...], "summary": ...}``.
+        json_file: where to keep it, if anywhere.
+        columns: of the rows, where not all are shown.
+    """
+    rows = result["rows"]
+    if rows:
+        shown = [key for key in (columns or rows[0]) if _scalar(rows[0].get(key))]
+        lines = table(*shown)
+        for row in rows:
+            lines.add_row(*(cell(row.get(key)) for key in shown))
+        out.print(lines)
+    out.print()
+    _print_summary(result["summary"], "")
+    keep(result, json_file)
+
+
+def keep(result: Mapping[str, Any], json_file: Path | None) -> None:
+    """Write a result as JSON and say so, where a file is given."""
+    if json_file is not None:
+        write_json(result, json_file)
+        out.print(f"wrote {json_file}")
+
+
+def write_json(value: Mapping[str, Any], path: Path, **settings: Any) -> None:
+    """Write JSON; the file is whole or absent."""
+    from scenes.files import atomic_write
+
+    with atomic_write(path, "w") as file:
+        json.dump(value, file, indent=1, **settings)
+
+
+def cell(value: Any) -> str:
+    """A value as tables and summaries print it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+def _print_summary(summary: Mapping[str, Any], indent: str) -> None:
+    for key, value in summary.items():
+        if isinstance(value, Mapping):
+            out.print(f"{indent}{key}:")
+            _print_summary(value, indent + "  ")
+        else:
+            out.print(literal(f"{indent}{key}: {cell(value)}"))
+
+
+def _scalar(value: Any) -> bool:
+    return value is None or isinstance(value, bool | int | float | str)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import torch
+from scenectl.generators.mscot.windows import Windows
 from torch import Tensor
 
 from objectives import Objective, Term
-from scenectl.control.problem import Linearisation
-from scenectl.control.residuals import Residuals
+from scenectl.control.solvers.problem import Linearisation
+from scenectl.control.solvers.residuals import Residuals
 from scenectl.generators.base import Step
 from scenectl.generators.mscot.sampling import MSCoT, _State
-from scenectl.generators.mscot.windows import Windows
 from scenectl.generators.steps import DecodedStep, LatentStep
 from scenes.motion.motion import Pose2D
 from tests.objectives.cases import context

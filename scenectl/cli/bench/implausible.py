@@ -1,0 +1,33 @@
+"""`scenectl bench implausible`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.bench.shared import measured
+from scenectl.cli.console import show
+from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Threads, Weights
+
+
+def implausible(
+    data: Data = DATA,
+    clips: Annotated[int, typer.Option(min=1, help="Test clips for each kind of bad target.")] = 8,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    generator: Generators = None,
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """Targets out of reach, or noise: bones, feet, and whether the culprit is named, beside goals alone."""
+    from scenectl.bench.control.implausible import bench_implausible
+
+    result = measured(
+        lambda maker, tell: bench_implausible(maker, data, clips, seed, tell), weights, threads, generator
+    )
+    columns = (
+        "kind", "way", "frames", "ended", "bone_error_m", "bone_error_free_m", "lift_m", "named", "seconds",
+        "diagnosis",
+    )  # fmt: skip
+    show(result, json_file, columns)

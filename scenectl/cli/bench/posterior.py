@@ -1,0 +1,28 @@
+"""`scenectl bench posterior`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.bench.shared import measured
+from scenectl.cli.console import show
+from scenectl.cli.options import Generators, Json, Seed, Threads, Weights
+
+
+def posterior(
+    generations: Annotated[int, typer.Option(min=1, help="Motions that are looked at.")] = 8,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    generator: Generators = None,
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """The first-order token posterior against the exact one, scale by scale (Tables 12 and 13)."""
+    from scenectl.bench.models.posterior import bench_posterior
+
+    result = measured(
+        lambda maker, tell: bench_posterior(maker, generations, seed=seed, progress=tell), weights, threads, generator
+    )
+    show(result, json_file)

@@ -1,0 +1,28 @@
+"""`scenectl check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.options import AllowCode, allow
+
+
+def check(
+    tasks: Annotated[list[Path], typer.Argument(metavar="TASK...", help="Task files (TOML).")],
+    allow_code: AllowCode = None,
+) -> None:
+    """Validate tasks without a model: keys, scene, start, path, goals, times and places."""
+    from scenectl.cli.console import out
+    from scenectl.tasks.task import load_task
+    from scenes.world.floor import path_length
+
+    allow(allow_code)
+    for path in tasks:
+        problem = load_task(path).build()
+        walk = "" if problem.path is None else f", a walk of {path_length(problem.path):.1f} m"
+        count = len(problem.objective.terms)
+        goals = f"{count} goal" + ("" if count == 1 else "s")
+        out.print(f"{path}: fine ({problem.seconds:g} s in '{problem.scene.name}', {goals}{walk})")

@@ -1,0 +1,39 @@
+"""`scenectl goals`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.console import literal, out, table
+from scenectl.cli.options import AllowCode, allow
+
+
+def goals(
+    name: Annotated[str | None, typer.Argument(help="Show everything about one goal.")] = None,
+    allow_code: AllowCode = None,
+) -> None:
+    """List the goals that a task can use."""
+    from objectives import get_goal
+    from objectives import goals as registered
+
+    allow(allow_code)
+    if name is None:
+        lines = table("goal", "unit", "meaning")
+        for spec in registered():
+            lines.add_row(spec.name, spec.unit, spec.summary)
+        out.print(lines)
+        out.print("\nscenectl goals NAME shows its parameters.")
+        return
+    spec = get_goal(name)
+    out.print(f"[bold]{spec.name}[/bold] ({spec.unit}): {spec.summary}")
+    lines = table("parameter", "type", "default", "meaning")
+    for parameter in spec.parameters.values():
+        default = "" if parameter.required else repr(parameter.default)
+        lines.add_row(parameter.name, literal(parameter.type), literal(default), literal(parameter.doc))
+    out.print(lines)
+    out.print(
+        f"kernel {spec.kernel}, reduction {spec.reduction}, scale {spec.scale:g}, tolerance {spec.tolerance:g} "
+        f"{spec.unit}; every goal also takes name, weight, tolerance, at, window, sometime, kernel and reduction"
+    )

@@ -1,0 +1,57 @@
+"""`scenectl train`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.console import out, say, show
+from scenectl.cli.options import DATA, Data
+from scenes.errors import UserError, did_you_mean
+
+
+def train(
+    stage: Annotated[
+        str, typer.Argument(help="all, tokenizer, decoder, refiner, transformer, export, metric, sweep or evaluator.")
+    ],
+    data: Data = DATA,
+    config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the run.")] = Path("runs/compact"),
+    iterations: Annotated[int | None, typer.Option(min=1, help="Instead of the recipe's, for one stage.")] = None,
+    text: Annotated[str | None, typer.Option(help="Text encoder instead of the recipe's.")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads; torch's choice by default.")] = None,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+) -> None:
+    """Train one stage or all, compare small variants (sweep), or train what evaluates; what was stopped goes on."""
+    from scenectl.training.command import STAGES
+    from scenectl.training.command import train as learn
+
+    known = ("all", *STAGES, "metric")
+    if stage == "sweep":
+        _sweep(data, config, output, iterations, threads, device)
+        return
+    if stage == "evaluator":
+        from scenectl.evaluation.training import train_evaluator
+
+        out.print(f"the weights are in {train_evaluator(data, output)}")
+        return
+    if stage not in known:
+        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, (*known, 'sweep', 'evaluator'))}")
+    folder = learn(stage, data, config, output, iterations, text, threads, device)
+    out.print(f"the run is in {folder}")
+
+
+def _sweep(data: Path, config: str, output: Path, iterations: int | None, threads: int | None, device: str) -> None:
+    import torch
+
+    from scenectl.generators.mscot.training.sweep import train_sweep
+    from scenectl.training.placement import place
+    from scenectl.training.recipe import load_recipe
+
+    if threads is not None:
+        torch.set_num_threads(threads)
+    where = place(device, load_recipe(config).precision)
+    rows = train_sweep(data, config, output, iterations or 1000, where, say)
+    show({"rows": rows, "summary": {"table": str(output / "sweep.md")}})

@@ -1,0 +1,39 @@
+"""`scenectl view`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.console import out
+from scenectl.cli.options import AllowCode, allow
+from scenes.errors import UserError
+
+
+def view(
+    what: Annotated[str, typer.Argument(metavar="DIR|SCENE", help="A result, a mesh file or a bundled scene.")],
+    png: Annotated[Path | None, typer.Option(help="Draw into this file instead of a window.")] = None,
+    sample: Annotated[int, typer.Option(min=0, help="Which motion of a result, 0 is the best.")] = 0,
+    at: Annotated[float | None, typer.Option(help="One moment (s) instead of several.")] = None,
+    show_slice: Annotated[bool, typer.Option("--slice", help="Show a slice of the distance field.")] = False,
+    clearance: Annotated[bool, typer.Option(help="Colour the body by its distance to the scene.")] = False,
+    signs: Annotated[bool, typer.Option("--signs", help="Show where it is uncertain which space is free.")] = False,
+    allow_code: AllowCode = None,
+) -> None:
+    """Look at a result or a scene: body, goals, time slider, distances."""
+    from scenectl import view as viewer
+    from scenes.world.named import named_scene
+
+    if at is not None and not math.isfinite(at):
+        raise UserError(f"--at is {at}; give a time in seconds")
+    allow(allow_code)
+    folder = Path(what)
+    picture = viewer.of_folder(folder, sample) if folder.is_dir() else viewer.of_scene(named_scene(what))
+    if png is not None:
+        picture.draw(png, at=at, show_slice=show_slice, clearance=clearance, show_signs=signs)
+        out.print(f"wrote {png}")
+    else:
+        picture.window(show_slice=show_slice, show_signs=signs)

@@ -1,0 +1,44 @@
+"""How many threads torch computes with, and how they wait.
+
+Torch computes with OpenMP, whose threads spin while they wait for each other: a thread that has lost its core to
+another process makes all others wait, at each of the thousands of small operations of a generation. One thread waits
+for none, and threads that sleep while they wait give their cores away. OpenMP reads how threads wait once, when torch
+is imported; their number can change at any time. `scenectl bench threads` prints what either costs.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_asked: ContextVar[int | None] = ContextVar("threads that an outer block asked for", default=None)
+
+
+@contextmanager
+def threads(number: int | None = None) -> Iterator[int]:
+    """Within the block, torch computes with so many threads; after it, with as many as before.
+
+    Args:
+        number: threads; None takes what a block around this one asked for, and one where none did: the tensors of a
+            generation are small, and one thread's results do not depend on how many cores a machine has.
+
+    Yields:
+        The number in force.
+    """
+    import torch
+
+    number = _asked.get() if number is None else number
+    before, token = torch.get_num_threads(), _asked.set(number)
+    torch.set_num_threads(number or 1)
+    try:
+        yield number or 1
+    finally:
+        torch.set_num_threads(before)
+        _asked.reset(token)
+
+
+def sleep_while_waiting() -> None:
+    """Let threads sleep while they wait, unless the environment says how; has an effect before torch is imported."""
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
