@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from scenectl.view.stage import polydata
+
 ANGLE = 26.0
 """Vertical opening of the camera, degrees: long enough that nothing near the edge is distorted."""
 
@@ -37,9 +39,8 @@ class Sight:
         self.normals = np.cross(edge_a, edge_b)
         self._locator: Any = None
         if len(triangles):
-            self._data = triangles_to_vtk(triangles)
             self._locator = vtkStaticCellLocator()
-            self._locator.SetDataSet(self._data)
+            self._locator.SetDataSet(polydata(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)))
             self._locator.BuildLocator()
 
     def covering(self, eye: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -96,12 +97,3 @@ def _distance(points: np.ndarray, target: np.ndarray, back: np.ndarray, aspect: 
     need_x = (np.abs(offset @ right) + room) / (half * aspect) + offset @ back
     need_y = (np.abs(offset @ up) + room) / half + offset @ back
     return float(max(need_x.max(), need_y.max()))
-
-
-def triangles_to_vtk(triangles: np.ndarray) -> Any:
-    """Triangles ``[F, 3, 3]`` as VTK data, in their order."""
-    import pyvista as pv
-
-    count = len(triangles)
-    faces = np.column_stack([np.full(count, 3), np.arange(3 * count).reshape(count, 3)])
-    return pv.PolyData(triangles.reshape(-1, 3), faces.ravel())

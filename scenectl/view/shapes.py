@@ -1,11 +1,12 @@
-"""Geometry for pictures: the body as capsules, its shadow, the scene with its colours, markers for goals."""
+"""Geometry for pictures: the body as capsules, its shadow, the scene with its colours, balls, rings and tubes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,49 +45,95 @@ class BodyShape:
         return parts
 
     @cached_property
-    def _template(self) -> tuple[np.ndarray, np.ndarray]:
-        """Unit sphere around +z, ``[P, 3]``, its equator doubled, and triangles ``[F, 3]``."""
-        half = np.linspace(0.0, np.pi / 2, self.rings)
-        polar = np.concatenate([half, half + np.pi / 2])
-        turn = np.linspace(0.0, 2 * np.pi, self.sides, endpoint=False)
-        points = np.stack(
-            [
-                np.outer(np.sin(polar), np.cos(turn)),
-                np.outer(np.sin(polar), np.sin(turn)),
-                np.outer(np.cos(polar), np.ones_like(turn)),
-            ],
-            axis=-1,
-        )
-        i, j = np.meshgrid(np.arange(len(polar) - 1), np.arange(self.sides), indexing="ij")
-        a, b = i * self.sides + j, i * self.sides + (j + 1) % self.sides
-        c, d = a + self.sides, b + self.sides
-        faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
-        return points.reshape(-1, 3), faces
-
-    @cached_property
     def faces(self) -> np.ndarray:
         """Triangles, ``[F, 3]``."""
-        points, faces = self._template
-        return np.concatenate([faces + k * len(points) for k in range(len(self._parts))])
-
-    @cached_property
-    def part_of_vertex(self) -> np.ndarray:
-        """Index of the part that each vertex belongs to, ``[V]``."""
-        return np.repeat(np.arange(len(self._parts)), len(self._template[0]))
+        unit = sphere(self.rings, self.sides)
+        return np.concatenate([unit.faces + k * len(unit.points) for k in range(len(self._parts))])
 
     def vertices(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World positions (m) and normals of all vertices, ``[V, 3]`` each, for one pose ``[J, 3]``."""
-        unit, _ = self._template
-        upper = np.arange(len(unit)) < len(unit) // 2  # the half towards +z belongs to the far end
-        placed, normals = [], []
+        unit, parts = sphere(self.rings, self.sides), []
         for near, r_near, far, r_far in self._parts:
             a = sum((w * joints[j] for j, w in near.items()), start=np.zeros(3))
             b = sum((w * joints[j] for j, w in far.items()), start=np.zeros(3))
-            frame = _frame(b - a)
-            centre = np.where(upper[:, None], b, a)
-            normals.append(unit @ frame)
-            placed.append(centre + np.where(upper, r_far, r_near)[:, None] * normals[-1])
-        return np.concatenate(placed), np.concatenate(normals)
+            parts.append(capsule(a, b, r_near, r_far, unit))
+        return np.concatenate([part.points for part in parts]), np.concatenate([part.normals for part in parts])
+
+
+class Hull(NamedTuple):
+    """A smooth surface: corners ``[V, 3]`` (m), triangles ``[F, 3]`` of them, and unit normals ``[V, 3]``."""
+
+    points: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+
+
+def joined(hulls: Sequence[Hull]) -> Hull:
+    """Several surfaces as one."""
+    starts = np.cumsum([0, *(len(hull.points) for hull in hulls[:-1])])
+    faces = [hull.faces + start for hull, start in zip(hulls, starts, strict=True)]
+    points, normals = [hull.points for hull in hulls], [hull.normals for hull in hulls]
+    return Hull(np.concatenate(points), np.concatenate(faces), np.concatenate(normals))
+
+
+def sphere(rings: int = 6, sides: int = 18) -> Hull:
+    """The unit sphere around +z, its equator doubled, so that it can be drawn apart into a capsule."""
+    half = np.linspace(0.0, np.pi / 2, rings)
+    polar = np.concatenate([half, half + np.pi / 2])
+    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
+    points = np.stack(
+        [
+            np.outer(np.sin(polar), np.cos(turn)),
+            np.outer(np.sin(polar), np.sin(turn)),
+            np.outer(np.cos(polar), np.ones_like(turn)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    return Hull(points, _strips(len(polar), sides), points)
+
+
+def capsule(a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float, unit: Hull | None = None) -> Hull:
+    """Half a sphere around each end (m) and what is between them; a ball where the ends are one point."""
+    unit = sphere(15, 60) if unit is None else unit
+    upper = np.arange(len(unit.points)) < len(unit.points) // 2  # the half towards +z belongs to the far end
+    normals = unit.points @ _frame(b - a)
+    centre = np.where(upper[:, None], b, a)
+    return Hull(centre + np.where(upper, radius_b, radius_a)[:, None] * normals, unit.faces, normals)
+
+
+def tube(points: np.ndarray, radius: float, sides: int = 12) -> Hull:
+    """A tube of a radius (m) along a polyline ``[P, 3]``, its ends open; neighbouring points must differ."""
+    steps = np.diff(points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    along = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
+    across = np.empty_like(along)
+    across[0] = _frame(along[0])[0]
+    for k in range(1, len(along)):  # carried along, so that the tube does not twist
+        axis = along[k] if along[k] @ along[k] > 1e-12 else steps[k]
+        across[k] = across[k - 1] - axis * (axis @ across[k - 1]) / (axis @ axis)
+        across[k] /= np.linalg.norm(across[k])
+    third = np.cross(along, across)
+    third /= np.maximum(np.linalg.norm(third, axis=1, keepdims=True), 1e-9)
+    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)[:, None]
+    normals = np.cos(turn) * across[:, None] - np.sin(turn) * third[:, None]
+    placed = points[:, None] + radius * normals
+    return Hull(placed.reshape(-1, 3), _strips(len(points), sides), normals.reshape(-1, 3))
+
+
+def ring(centre: np.ndarray, inner: float, outer: float, sides: int = 48) -> Hull:
+    """A flat horizontal ring around a point (m); a disc where `inner` is 0."""
+    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
+    circle = np.stack([np.sin(turn), np.zeros_like(turn), np.cos(turn)], axis=-1)
+    points = centre + np.concatenate([inner * circle, outer * circle])
+    return Hull(points, _strips(2, sides), np.tile([0.0, 1.0, 0.0], (2 * sides, 1)))
+
+
+def _strips(rows: int, sides: int) -> np.ndarray:
+    """Triangles between closed rows of as many points, ``[F, 3]``."""
+    i, j = np.meshgrid(np.arange(rows - 1), np.arange(sides), indexing="ij")
+    a, b = i * sides + j, i * sides + (j + 1) % sides
+    c, d = a + sides, b + sides
+    return np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
 
 
 def _frame(axis: np.ndarray) -> np.ndarray:
@@ -127,6 +174,19 @@ def soft_shadow(
             here[np.ix_(i, j)] = np.maximum(here[np.ix_(i, j)], fade * fade * (3 - 2 * fade))
         dark = np.maximum(dark, strength * here)
     return x, z, dark
+
+
+class Solid(NamedTuple):
+    """A mesh as it is drawn: triangles ``[F, 3, 3]`` (m), and of each its colour ``[F, 3]`` and its piece ``[F]``."""
+
+    triangles: np.ndarray
+    colours: np.ndarray
+    pieces: np.ndarray
+
+
+def solid_of(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> Solid:
+    """A mesh with the colours of the file it came from, else `otherwise`, and its connected pieces."""
+    return Solid(mesh.triangles, face_colours(mesh, otherwise), components(mesh))
 
 
 def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarray:

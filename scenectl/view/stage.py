@@ -7,15 +7,12 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
-
-if TYPE_CHECKING:
-    from scenectl.view.camera import Camera
 
 SIZE = (1600, 1000)
 """Pixels of a picture."""
@@ -155,6 +152,7 @@ class Stage:
         if isinstance(colour, np.ndarray):
             data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colour, dtype=np.uint8), deep=True))
             mapper.SetColorModeToDirectScalars()
+            actor.GetProperty().SetSpecularColor(*_share(colour[:, :3].mean(axis=0)))
         else:
             actor.GetProperty().SetColor(*_share(colour))
         self._put(actor, name)
@@ -188,7 +186,7 @@ class Stage:
         table.SetNumberOfTableValues(256)
         table.SetTableRange(*limits)
         for i, colour in enumerate(shaded(np.linspace(0.0, 1.0, 256), colours, (0.0, 1.0))):
-            table.SetTableValue(i, *_share(colour), 1.0)
+            table.SetTableValue(i, (*_share(colour), 1.0))
         bar.SetLookupTable(table)
         bar.SetOrientationToHorizontal()
         bar.SetTitle(title)
@@ -217,19 +215,24 @@ class Stage:
 
     # ---- how it is looked at ----------------------------------------------------------------------------------
 
-    def look_from(self, camera: Camera, angle: float) -> None:
-        """Look from a camera whose vertical opening is `angle` degrees, by its own light.
+    def look_from(self, position: np.ndarray, target: np.ndarray, angle: float) -> None:
+        """Look from a place at another (m, world) by light that comes with the camera.
 
         A key light over its left shoulder, a soft one from the right, and a little from above.
+
+        Args:
+            position: of the camera, ``[3]``.
+            target: in the middle of the picture, ``[3]``.
+            angle: vertical opening, degrees.
         """
         from vtkmodules.vtkRenderingCore import vtkLight
 
         active = self.renderer.GetActiveCamera()
-        active.SetPosition(*camera.position)
-        active.SetFocalPoint(*camera.target)
+        active.SetPosition(*position)
+        active.SetFocalPoint(*target)
         active.SetViewUp(0.0, 1.0, 0.0)
         active.SetViewAngle(angle)
-        back = camera.position - camera.target
+        back = position - target
         right = np.cross([0.0, 1.0, 0.0], back)
         scale = float(np.linalg.norm(back))
         right = right / max(float(np.linalg.norm(right)), 1e-9) * scale
@@ -240,8 +243,8 @@ class Stage:
         ):
             light = vtkLight()
             light.SetLightTypeToSceneLight()
-            light.SetPosition(*(camera.target + offset))
-            light.SetFocalPoint(*camera.target)
+            light.SetPosition(*(target + offset))
+            light.SetFocalPoint(*target)
             light.SetIntensity(strength)
             self.renderer.AddLight(light)
 
@@ -284,7 +287,9 @@ def polydata(points: np.ndarray, cells: np.ndarray, normals: np.ndarray | None =
 
     data, places, links = vtkPolyData(), vtkPoints(), vtkCellArray()
     places.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
-    links.SetData(cells.shape[1], numpy_to_vtkIdTypeArray(np.ascontiguousarray(cells.ravel(), dtype=np.int64), deep=True))
+    links.SetData(
+        cells.shape[1], numpy_to_vtkIdTypeArray(np.ascontiguousarray(cells.ravel(), dtype=np.int64), deep=True)
+    )
     data.SetPoints(places)
     if cells.shape[1] == 3:
         data.SetPolys(links)
