@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from objectives import Mark
-from scenectl.view.shapes import Hull, capsule, joined, ring, tube
+from scenectl.view.shapes import Hull, capsules, joined, ring, tube
 from scenectl.view.stage import GLOW, Colour, Finish, Stage
 
 GOAL: Colour = (200, 50, 43)
@@ -90,8 +90,8 @@ def _ring(centre: np.ndarray, radius: float) -> list[Hull]:
 
 
 _SOLIDS: dict[str, Callable[[np.ndarray, float], Hull]] = {
-    "ball": lambda points, radius: joined([capsule(point, point, radius, radius) for point in points]),
-    "capsule": lambda points, radius: capsule(points[0], points[1], radius, radius),
+    "ball": lambda points, radius: capsules(points, points, np.full((len(points), 2), radius)),
+    "capsule": lambda points, radius: capsules(points[:1], points[1:2], np.full((1, 2), radius)),
 }
 
 

@@ -16,7 +16,7 @@ from scenectl.view.camera import ANGLE, Camera, choose
 from scenectl.view.evidence import draw_evidence
 from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, places
 from scenectl.view.room import GLASS, Room
-from scenectl.view.shapes import BodyShape, Hull, joined, soft_shadow
+from scenectl.view.shapes import BodyShape, joined, soft_shadow
 from scenectl.view.stage import GLOW, SIZE, Colour, Finish, Stage, polydata, shaded
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.motion.motion import Motion
@@ -196,8 +196,7 @@ class Picture:
     def draw_bodies(self, stage: Stage, frames: list[int], colours: np.ndarray, clearance: bool) -> None:
         """Bodies at some frames in a colour each, ``[n, 3]``, or coloured by their distance to the scene."""
         shape = BodyShape(self.body)
-        placed = [shape.vertices(self.joints(frame)) for frame in frames]
-        hulls = [Hull(points, shape.faces, normals) for points, normals in placed]
+        hulls = [shape.hull(self.joints(frame)) for frame in frames]
         if clearance:
             found = [self.clearances(hull.points, frame) for hull, frame in zip(hulls, frames, strict=True)]
             each = shaded(np.concatenate(found), "bad to good", (0.0, _NEAR))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from scenectl.view.camera import ANGLE, Sight, choose
-from scenectl.view.shapes import CLAY, capsule
+from scenectl.view.shapes import CLAY, capsules
 from scenectl.view.stage import MATT, SIZE, Colour, Finish, Stage
 from scenes.body.proxies import Proxies
 from scenes.body.rig import Rig
@@ -39,6 +39,6 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
     colours = {part.link: _COLOURS[k % len(_COLOURS)] for k, part in enumerate(proxies.parts)}
     for (a, b), radius, link in zip(ends, radii, proxies.owners, strict=True):
         thick = _OUTSIDE * max(float(radius), 1e-3 * extent)
-        hull = capsule(a, b, thick, thick)
+        hull = capsules(a[None], b[None], np.full((1, 2), thick))
         stage.add_surface(hull.points, hull.faces, colours[link], _GLASS, 0.35, normals=hull.normals)
     stage.write(png)

@@ -20,10 +20,7 @@ CLAY = (216, 211, 203)
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Triangles of a body: capsules that taper from joint sphere to joint sphere, and the spheres past the joints.
-
-    `vertices` moves them with the joints; the triangles stay the same, so that a time slider only moves points.
-    """
+    """Triangles of a body: capsules that taper from joint sphere to joint sphere, and the spheres past the joints."""
 
     body: ProxyBody
     rings: int = 6
@@ -31,7 +28,7 @@ class BodyShape:
 
     @cached_property
     def _parts(self) -> list[tuple[dict[int, float], float, dict[int, float], float]]:
-        """(blend, radius) at both ends of every part."""
+        """(blend of joints, radius) at both ends of every part."""
         radius = {s.joint: s.radius for s in self.body.spheres if s.base < 0}
         parts = []
         for c in self.body.capsules:
@@ -44,20 +41,15 @@ class BodyShape:
                 parts.append(({s.joint: 1.0}, min(radius[s.joint], s.radius), tip, s.radius))
         return parts
 
-    @cached_property
-    def faces(self) -> np.ndarray:
-        """Triangles, ``[F, 3]``."""
+    def hull(self, joints: np.ndarray) -> Hull:
+        """Surface of one pose ``[J, 3]`` (m)."""
         unit = sphere(self.rings, self.sides)
-        return np.concatenate([unit.faces + k * len(unit.points) for k in range(len(self._parts))])
-
-    def vertices(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World positions (m) and normals of all vertices, ``[V, 3]`` each, for one pose ``[J, 3]``."""
-        unit, parts = sphere(self.rings, self.sides), []
-        for near, r_near, far, r_far in self._parts:
-            a = sum((w * joints[j] for j, w in near.items()), start=np.zeros(3))
-            b = sum((w * joints[j] for j, w in far.items()), start=np.zeros(3))
-            parts.append(capsule(a, b, r_near, r_far, unit))
-        return np.concatenate([part.points for part in parts]), np.concatenate([part.normals for part in parts])
+        ends = np.zeros((2, len(self._parts), len(joints)))
+        for k, (near, _, far, _) in enumerate(self._parts):
+            ends[0, k, list(near)], ends[1, k, list(far)] = list(near.values()), list(far.values())
+        a, b = ends @ joints
+        radii = np.array([(r_near, r_far) for _, r_near, _, r_far in self._parts])
+        return capsules(a, b, radii, unit)
 
 
 class Hull(NamedTuple):
@@ -92,13 +84,23 @@ def sphere(rings: int = 6, sides: int = 18) -> Hull:
     return Hull(points, _strips(len(polar), sides), points)
 
 
-def capsule(a: np.ndarray, b: np.ndarray, radius_a: float, radius_b: float, unit: Hull | None = None) -> Hull:
-    """Half a sphere around each end (m) and what is between them; a ball where the ends are one point."""
+def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, unit: Hull | None = None) -> Hull:
+    """Half a sphere around each end and what is between them; balls where ends are one point.
+
+    Args:
+        a: near ends, ``[n, 3]`` m.
+        b: far ends.
+        radii: at both, ``[n, 2]`` m.
+        unit: the sphere that is drawn apart.
+    """
     unit = sphere(15, 60) if unit is None else unit
     upper = np.arange(len(unit.points)) < len(unit.points) // 2  # the half towards +z belongs to the far end
-    normals = unit.points @ _frame(b - a)
-    centre = np.where(upper[:, None], b, a)
-    return Hull(centre + np.where(upper, radius_b, radius_a)[:, None] * normals, unit.faces, normals)
+    normals = unit.points @ _frames(b - a)
+    centres = np.where(upper[:, None], b[:, None], a[:, None])
+    points = centres + np.where(upper, radii[:, 1:], radii[:, :1])[..., None] * normals
+    starts = len(unit.points) * np.arange(len(a))
+    faces = (unit.faces + starts[:, None, None]).reshape(-1, 3)
+    return Hull(points.reshape(-1, 3), faces, normals.reshape(-1, 3))
 
 
 def tube(points: np.ndarray, radius: float, sides: int = 12) -> Hull:
@@ -107,7 +109,7 @@ def tube(points: np.ndarray, radius: float, sides: int = 12) -> Hull:
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     along = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
     across = np.empty_like(along)
-    across[0] = _frame(along[0])[0]
+    across[0] = _frames(along[:1])[0, 0]
     for k in range(1, len(along)):  # carried along, so that the tube does not twist
         axis = along[k] if along[k] @ along[k] > 1e-12 else steps[k]
         across[k] = across[k - 1] - axis * (axis @ across[k - 1]) / (axis @ axis)
@@ -136,14 +138,13 @@ def _strips(rows: int, sides: int) -> np.ndarray:
     return np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
 
 
-def _frame(axis: np.ndarray) -> np.ndarray:
-    """Rows x, y, z of a frame whose z lies along `axis`."""
-    length = float(np.linalg.norm(axis))
-    z = axis / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
-    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.8 else np.array([0.0, 1.0, 0.0])
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+def _frames(axes: np.ndarray) -> np.ndarray:
+    """Rows x, y, z of frames whose z lie along the axes ``[n, 3]``; +z itself for those of no length."""
+    length = np.linalg.norm(axes, axis=1, keepdims=True)
+    z = np.where(length > 1e-9, axes / np.maximum(length, 1e-9), [0.0, 0.0, 1.0])
+    x = np.cross(np.where(np.abs(z[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def soft_shadow(
@@ -168,10 +169,11 @@ def soft_shadow(
         here = np.zeros_like(dark)
         for (px, py, pz), r in zip(pose, radius, strict=True):
             reach = r + blur
-            i, j = np.abs(x - px) <= reach, np.abs(z - pz) <= reach
-            away = np.hypot((x[i] - px)[:, None], (z[j] - pz)[None, :])
-            fade = np.clip((reach - away) / (2 * blur), 0.0, 1.0) * np.clip(1.3 - 0.5 * py, 0.2, 1.0)
-            here[np.ix_(i, j)] = np.maximum(here[np.ix_(i, j)], fade * fade * (3 - 2 * fade))
+            i = slice(*np.searchsorted(x, [px - reach, px + reach]))
+            j = slice(*np.searchsorted(z, [pz - reach, pz + reach]))
+            away = np.sqrt(np.square(x[i] - px)[:, None] + np.square(z[j] - pz))
+            fade = np.clip((reach - away) / (2 * blur), 0.0, 1.0) * min(max(1.3 - 0.5 * py, 0.2), 1.0)
+            here[i, j] = np.maximum(here[i, j], fade * fade * (3 - 2 * fade))
         dark = np.maximum(dark, strength * here)
     return x, z, dark
 

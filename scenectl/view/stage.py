@@ -44,7 +44,7 @@ class Finish:
 
 
 MATT = Finish()
-GLOW = Finish(lit=False)
+GLOW = Finish(ambient=0.0, diffuse=1.0, specular=0.0, lit=False)
 
 
 class Stage:
