@@ -56,7 +56,10 @@ class Step(Protocol):
         ...
 
     def at(self, value: Float[Tensor, "S *v"]) -> Step:
-        """The same step with another value, of as many samples or of fewer; products are taken there."""
+        """The same step with another value; products are taken there.
+
+        The last step of a draft takes values of fewer samples, too, in any order.
+        """
         ...
 
     @property
