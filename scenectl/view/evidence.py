@@ -15,7 +15,7 @@ from scenes.sdf.signs import UNCERTAIN
 from scenes.world.scene import Scene
 
 _FINEST = 96  # blocks along an axis: finer ones cannot be told apart in a picture
-_TITLE = "agreeing evidence (%)"
+_SCALE = ("dark to bright", (0.0, float(UNCERTAIN)))
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ def draw_evidence(stage: Stage, scene: Scene) -> None:
         if (blocks := uncertain_blocks(result)) is not None:
             squares, values = blocks.faces()
             corners = squares[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-            colours = np.repeat(shaded(values, "dark to bright", (0, UNCERTAIN)), 6, axis=0)
+            colours = np.repeat(shaded(values, *_SCALE), 6, axis=0)
             stage.add_surface(corners, None, colours, GLOW, 0.35)
-            stage.add_scale(_TITLE, "dark to bright", (0, UNCERTAIN), (0.7, 0.03))
+            stage.add_scale("agreeing evidence (%)", *_SCALE, (0.7, 0.03))
         edges = Surface.of(mesh).open_edges
         if len(edges):
             stage.add_lines(edges.reshape(-1, 3), np.arange(2 * len(edges)).reshape(-1, 2), GOAL, 2.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ CLAY = (216, 211, 203)
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Triangles of a body: capsules that taper from joint sphere to joint sphere, and the spheres past the joints."""
+    """A body's surface: capsules that taper from joint sphere to joint sphere, and the spheres past the joints."""
 
     body: ProxyBody
     rings: int = 6
@@ -108,14 +109,15 @@ def tube(points: np.ndarray, radius: float, sides: int = 12) -> Hull:
     steps = np.diff(points, axis=0)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     along = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
+    back = np.linalg.norm(along, axis=1) < 1e-6  # where the line turns on the spot
+    along[back] = np.concatenate([steps, steps[-1:]])[back]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.empty_like(along)
     across[0] = _frames(along[:1])[0, 0]
-    for k in range(1, len(along)):  # carried along, so that the tube does not twist
-        axis = along[k] if along[k] @ along[k] > 1e-12 else steps[k]
-        across[k] = across[k - 1] - axis * (axis @ across[k - 1]) / (axis @ axis)
-        across[k] /= np.linalg.norm(across[k])
+    for k, (old, new) in enumerate(pairwise(along)):  # turned no more than the line is, so that the tube is not twisted
+        bend = (across[k] @ new) / max(1.0 + old @ new, 1e-9)
+        across[k + 1] = across[k] - bend * (old + new)
     third = np.cross(along, across)
-    third /= np.maximum(np.linalg.norm(third, axis=1, keepdims=True), 1e-9)
     turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)[:, None]
     normals = np.cos(turn) * across[:, None] - np.sin(turn) * third[:, None]
     placed = points[:, None] + radius * normals
