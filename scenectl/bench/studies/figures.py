@@ -20,7 +20,7 @@ from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.sampling import MSCoT, Tilt, clipped
 from scenectl.generators.mscot.schedule import MAX_FRAMES
 from scenectl.generators.mscot.training.measures import code_use
-from scenectl.view.strip import draw_strips
+from scenectl.view.strips import draw_strips
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.files import atomic_write
