@@ -60,7 +60,7 @@ class Step(Protocol):
         ...
 
     def take(self, samples: Int[Tensor, " s"]) -> Step:
-        """The same step of some samples."""
+        """The same step of some samples; asked of the last step of a draft."""
         ...
 
     @property
