@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenectl.generators.base import Draft, Guide, Price, Progress
@@ -45,6 +45,9 @@ class TinyStep:
 
     def at(self, value: Float[Tensor, "S T 2"]) -> TinyStep:
         return TinyStep(value, self.start)
+
+    def take(self, samples: Int[Tensor, " s"]) -> TinyStep:
+        return TinyStep(self.value[samples], self.start)
 
     @property
     def motion(self) -> Motion:
