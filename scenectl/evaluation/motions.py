@@ -15,6 +15,8 @@ from scenectl.data.features import FEATURES
 
 STRIDE = 4
 """Frames behind one step of the encoder's output; lengths are cut to multiples of it."""
+LONGEST = 196
+"""Frames of HumanML3D's longest motions; evaluators read no more."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Padded:
     lengths: Int[Tensor, " B"]
 
     @classmethod
-    def of(cls, clips: Sequence[Float[Tensor, "_T 263"]], longest: int = 196) -> Padded:
+    def of(cls, clips: Sequence[Float[Tensor, "_T 263"]], longest: int = LONGEST) -> Padded:
         """Clips of any lengths from `STRIDE` frames on, cut to `longest` and to a multiple of `STRIDE`."""
         cut = [clip[: min(len(clip), longest) // STRIDE * STRIDE] for clip in clips]
         lengths = torch.tensor([len(clip) for clip in cut])

@@ -8,7 +8,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenectl.generators.base import Generation, Guide, Progress
+from scenectl.generators.base import Draft, Guide, Price, Progress
+from scenectl.generators.conditions import Conditions
+from scenectl.generators.prompts import Prompts
+from scenectl.generators.spec import Spec, check_samples
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
 
@@ -42,6 +45,14 @@ class TinyStep:
     def motion(self) -> Motion:
         return self.decode(self.value)
 
+    @property
+    def price(self) -> Price:
+        return Price(product=1.0, row=1.0)
+
+    @property
+    def unit(self) -> float:
+        return 1.0
+
     def jvp(self, tangent: Float[Tensor, "S T 2"]) -> Float[Tensor, "S T J 3"]:
         return torch.func.jvp(lambda value: self.decode(value).joints, (self.value,), (tangent,))[1]
 
@@ -53,28 +64,27 @@ class TinyStep:
 
 
 class TinyGenerator:
-    """Statues that slide ahead at 0.5 m/s, sample s a little more to the left; refined as a guide asks."""
+    """Statues that slide ahead at 0.5 m/s, sample s a little more to the left."""
 
-    name, fps, licence = "tiny", 20.0, "CC0-1.0"
+    name, licence, spec = "tiny", "CC0-1.0", Spec(fps=20.0, shortest=0.5, longest=60.0, window=9.8)
 
     def generate(
         self,
-        prompt: str,
+        prompts: Prompts | str,
         seconds: float,
         start: Pose2D,
+        *,
+        conditions: Conditions | None = None,
         guide: Guide | None = None,
         samples: int = 1,
         seed: int = 0,
         progress: Progress | None = None,
-    ) -> Generation:
-        frames = round(seconds * self.fps)
+    ) -> Draft:
+        prompt, frames, fps = Prompts.of(prompts).single(self.name), self.spec.frames(seconds), self.spec.fps
         draw = torch.Generator().manual_seed(seed)
-        ahead = 0.5 * torch.arange(frames) / self.fps
-        left = torch.rand(samples, 1, generator=draw) * 0.2
+        ahead = 0.5 * torch.arange(frames) / fps
+        left = torch.rand(check_samples(samples), 1, generator=draw) * 0.2
         value = torch.stack([left.expand(samples, frames), ahead.expand(samples, frames)], dim=-1)
         step = TinyStep(value, start)
-        motion = step.decode(value)
-        if guide is None:
-            return Generation(motion, trace={"prompt": prompt})
-        refined = step.decode(guide.refine(step).detach())
-        return guide.finish(Generation(refined, motion, {"tilt": torch.zeros(3), "nan": float("nan")}))
+        guided = {} if guide is None else {"tilt": torch.zeros(3), "nan": float("nan")}
+        return Draft(step.motion, step, {"prompt": prompt, **guided})
