@@ -9,6 +9,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,12 +26,11 @@ from scenectl.data.clips import beginnings
 from scenectl.data.corpus import Clip
 from scenectl.data.features import features_to_joints
 from scenectl.generators import load_generator
-from scenectl.generators.mscot.bundle import load_bundle
+from scenectl.generators.base import Generator
 from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.schedule import MAX_FRAMES
 from scenectl.generators.mscot.training.refiner import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
@@ -41,6 +41,8 @@ from scenectl.training.sweep import Measure, shortened, sweep, write_table
 
 Row = dict[str, Any]
 Tell = Callable[[str, float], None]
+
+WINDOW = MSCoT.spec.window_frames
 
 SCHEDULES = {
     3: (1, 8, 16),
@@ -101,12 +103,14 @@ class Bench:
     @cached_property
     def generator(self) -> MSCoT:
         """The finished weights behind the default sampling."""
-        return MSCoT(load_bundle(self.weights))
+        found = load_generator("mscot", self.weights)
+        assert isinstance(found, MSCoT)
+        return found
 
     @cached_property
     def test_clips(self) -> list[Clip]:
         """Captioned test clips of 64 frames or more, drawn with one seed."""
-        usable = usable_clips(self.data)
+        usable = usable_clips(self.data, MSCoT.spec)
         order = torch.randperm(len(usable), generator=torch.Generator().manual_seed(0)).tolist()
         return [usable[i] for i in order[: self.clips]]
 
@@ -138,17 +142,15 @@ def adaptive(bench: Bench, tell: Tell) -> list[Path]:
         Variant(name="adaptive"),
         Variant(name="fixed-64", set={"tokenizer.frames": [64]}),
         # as many frames a step as the others
-        Variant(
-            name="fixed-196", set={"tokenizer.frames": [MAX_FRAMES], "tokenizer.loop.batch": batch * 64 // MAX_FRAMES}
-        ),
+        Variant(name="fixed-196", set={"tokenizer.frames": [WINDOW], "tokenizer.loop.batch": batch * 64 // WINDOW}),
     )
-    chunks = {"adaptive": None, "fixed-64": 64, "fixed-196": MAX_FRAMES}
+    chunks = {"adaptive": None, "fixed-64": 64, "fixed-196": WINDOW}
 
     def by_length(run: MSCoTRun) -> Mapping[str, Any]:
         chunk = chunks[next(name for name in chunks if run.out.name.startswith(f"{name}-"))]
         test, tokenizer = run.clips(["test"], False), tokenizer_of(run)
         found: dict[str, float] = {}
-        for frames in (64, 128, MAX_FRAMES):
+        for frames in (64, 128, WINDOW):
             features = beginnings(test, frames)
             got, true = features_to_joints(in_chunks(tokenizer, features, chunk)), features_to_joints(features)
             found[f"clips_{frames}"] = len(features)
@@ -252,7 +254,7 @@ def refiner(bench: Bench, tell: Tell) -> list[Path]:
         tell(name, i / len(REFINERS))
         config = RefinerConfig.model_validate({**recipe.model.refiner.model_dump(), **changes})
         folder = bench.out / "models" / f"refiner-{config.kind}-{config.layers}-{bench.iterations}"
-        tokenizer = load_bundle(bench.weights).tokenizer
+        tokenizer = deepcopy(bundle.tokenizer)
         data = run.clips(["train"], True).on(bench.where.device)
         loop = train_refiner(config, tokenizer, recipe.refiner, Job(data, folder, recipe.seed, bench.where))
         trained = loop.averaged.cpu().eval().requires_grad_(False)
@@ -329,7 +331,11 @@ def densities(bench: Bench, tell: Tell) -> list[Path]:
 
 
 def controlled(
-    generator: Any, clips: Sequence[Clip], density: int | float, solver: SolverSettings | None = None, seed: int = 0
+    generator: Generator,
+    clips: Sequence[Clip],
+    density: int | float,
+    solver: SolverSettings | None = None,
+    seed: int = 0,
 ) -> dict[str, float]:
     """Pelvis keyframes of real clips, pursued with the clips' own captions.
 
@@ -347,10 +353,9 @@ def controlled(
     """
     draw, rows = torch.Generator().manual_seed(seed), []
     for i, clip in enumerate(clips):
-        asked = Keyframes.drawn(clip, "pelvis", density, draw, seed + i)
-        guide = asked.guide(solver or SolverSettings())
+        asked = Keyframes.drawn(clip, generator.spec, "pelvis", density, draw, seed + i)
         began = time.perf_counter()
-        made = asked.generate(generator, guide)
+        made = asked.made(generator, solver)
         seconds = time.perf_counter() - began
         before = made.motion if made.unrefined is None else made.unrefined
         error = asked.errors(made.motion)
@@ -360,7 +365,7 @@ def controlled(
                 "location_error": float((error > FAILED).float().mean()),
                 "guided_only_error_m": float(asked.errors(before).mean()),
                 "moved_m": float((made.motion.joints - before.joints).norm(dim=-1).mean()),
-                "passes": float(guide.solution.evaluations if guide.solution else 0),
+                "passes": float(made.solution.evaluations if made.solution else 0),
                 "skating_ratio": float(skating_ratio(made.motion[0])),
                 "skating_ratio_real": float(skating_ratio(asked.real)),
                 "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
