@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from scenectl.version import __version__
 
 _HOME = {
     "Box": "scenes.mesh.primitives",
@@ -24,10 +24,10 @@ _HOME = {
     "Plane": "scenes.mesh.primitives",
     "Pose2D": "scenes.motion.motion",
     "ProxyBody": "scenes.body.body",
-    "Result": "scenectl.pipeline.run",
+    "Result": "scenectl.pipeline.results",
     "Scene": "scenes.world.scene",
     "Sphere": "scenes.mesh.primitives",
-    "Task": "scenectl.tasks.schema",
+    "Task": "scenectl.tasks.task",
     "Term": "objectives",
     "Trajectory": "scenes.world.moving",
     "UserError": "scenes.errors",
@@ -41,9 +41,9 @@ _HOME = {
     "load_generator": "scenectl.generators",
     "load_mesh": "scenes.mesh.mesh",
     "load_scene": "scenes.world.scene",
-    "load_task": "scenectl.tasks.schema",
-    "run": "scenectl.pipeline.run",
-    "score": "scenectl.pipeline.run",
+    "load_task": "scenectl.tasks.task",
+    "run": "scenectl.api",
+    "score": "scenectl.api",
 }
 
 __all__ = [
@@ -84,11 +84,12 @@ __all__ = [
 
 if TYPE_CHECKING:
     from objectives import Context, Objective, Term, goal, goals
+    from scenectl.api import run, score
     from scenectl.control import ObjectiveGuide
     from scenectl.generators import load_generator
     from scenectl.pipeline.editing import edit
-    from scenectl.pipeline.run import Result, run, score
-    from scenectl.tasks.schema import Task, load_task
+    from scenectl.pipeline.results import Result
+    from scenectl.tasks.task import Task, load_task
     from scenes.body.body import ProxyBody
     from scenes.errors import UserError
     from scenes.mesh.mesh import Mesh, load_mesh

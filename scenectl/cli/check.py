@@ -16,7 +16,7 @@ def check(
 ) -> None:
     """Validate tasks without a model: keys, scene, start, path, goals, times and places."""
     from scenectl.cli.console import out
-    from scenectl.tasks.schema import load_task
+    from scenectl.tasks.task import load_task
     from scenes.world.floor import path_length
 
     allow(allow_code)

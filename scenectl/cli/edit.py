@@ -40,13 +40,14 @@ def edit(
 ) -> None:
     """Make parts of a motion anew: motion.npz and report.json in DIR, as `scenectl run` writes them."""
     from scenectl.generators import load_generator
+    from scenectl.generators.registry import find
     from scenectl.pipeline.editing import check, edited
-    from scenectl.pipeline.run import load_sample
+    from scenectl.pipeline.results import load_sample
     from scenes.files import writable_folder
 
     original = load_sample(motion, sample)
     mask = _mask(original, regenerate or [], keep or [])
-    check(original, mask)
+    check(original, mask, find(generator).spec)
     if not prompt.strip():
         raise UserError("--prompt is empty; describe the motion in a sentence, such as 'a person walks'")
     writable_folder(output)

@@ -27,6 +27,6 @@ DATA = Path("../shared/data/motions")
 def allow(path: Path | None) -> None:
     """Run what `--allow-code` names."""
     if path is not None:
-        from scenectl.pipeline.run import allow_code
+        from scenectl.tasks.code import allow_code
 
         allow_code(path)

@@ -15,7 +15,7 @@ from scenectl.cli.score import show_samples
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
-    from scenectl.pipeline.run import Result
+    from scenectl.pipeline.results import Result
 
 LAPS = {"plan_s": "planning", "load_s": "loading", "generate_s": "generating", "measure_s": "measuring"}
 """What the laps of a report's `timing` are called."""
@@ -32,7 +32,7 @@ def run(
 ) -> None:
     """Make motions for a task: motion.npz, report.json and preview.png in DIR."""
     from scenectl.pipeline.run import run as make
-    from scenectl.tasks.schema import load_task
+    from scenectl.tasks.task import load_task
     from scenes.files import writable_folder
 
     laps = {"imports": since_start()}

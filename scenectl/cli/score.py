@@ -11,7 +11,7 @@ from scenectl.cli.console import bars, literal, out, table, write_json
 from scenectl.cli.options import AllowCode, MotionFile, TaskFile, allow
 
 if TYPE_CHECKING:
-    from scenectl.pipeline.run import Result
+    from scenectl.pipeline.results import Result
 
 
 def score(
@@ -22,7 +22,7 @@ def score(
 ) -> None:
     """Report how well finished motions meet a task."""
     from scenectl.pipeline.run import score as judge
-    from scenectl.tasks.schema import load_task
+    from scenectl.tasks.task import load_task
     from scenes.motion.motion import Motion
 
     allow(allow_code)

@@ -1,7 +1,8 @@
-"""Control: goals become a guide that generators can follow."""
+"""Control: goals become a guide that generators can follow, and refinement of what they draft."""
 
-from scenectl.control.guide import ObjectiveGuide
+from scenectl.control.guidance.guide import ObjectiveGuide
+from scenectl.control.refine import Refined, refine
 from scenectl.control.settings import GuidanceSettings, SolverSettings
 from scenectl.control.start import FreeStart
 
-__all__ = ["FreeStart", "GuidanceSettings", "ObjectiveGuide", "SolverSettings"]
+__all__ = ["FreeStart", "GuidanceSettings", "ObjectiveGuide", "Refined", "SolverSettings", "refine"]

@@ -39,10 +39,10 @@ class SolverSettings(BaseModel):
         lead: steps at most, at first, in which only goals that pull (targets, paths) are heeded until they are met,
             where there are others too: walls that count from the start can hold a body on their wrong side.
         natural: where goals could be met only by stretching bones or lifting feet that stood, refine once more with
-            pulls that don't grow with distance and a cost on both (`scenectl.control.natural`); where goals lead a body
-            past walls, count bones and feet that shuffle once they have led.
+            pulls that don't grow with distance and a cost on both (`scenectl.control.refine.natural`); where goals lead a
+            body past walls, count bones and feet that shuffle once they have led.
         polish: leave the last centimetre of targets to a smooth move of joints, which needs no decoder
-            (`scenectl.control.polish`).
+            (`scenectl.control.refine.polish`).
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -14,10 +14,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenectl.control.problem import Problem
 from scenectl.control.settings import SolverSettings
-from scenectl.control.solvers import minimise
-from scenectl.generators.base import Step
+from scenectl.control.solvers.choice import minimise
+from scenectl.control.solvers.problem import Problem
+from scenectl.generators.base import Price, Step
 from scenes.motion.motion import Motion
 
 UNKNOWNS = 3
@@ -27,40 +27,31 @@ HEADINGS = 8
 _FIT = SolverSettings(name="lbfgs", iterations=30, prior=0.0, patience=3, progress=1e-3)
 
 
+@dataclass(frozen=True)
 class FreeStart:
     """A start that is solved for.
 
     Attributes:
         pivot: world point (m) about which motions turn; where the task says that the search begins.
-        moves: of each sample, found last; None before the first step.
-        before: the same before refinement.
     """
 
-    def __init__(self, pivot: tuple[float, float, float]) -> None:
-        self.pivot = pivot
-        self.moves: Float[Tensor, "S 3"] | None = None
-        self.before: Float[Tensor, "S 3"] | None = None
+    pivot: tuple[float, float, float]
 
     def moved(self, motion: Motion, moves: Float[Tensor, "S 3"]) -> Motion:
         """Motions ``[S, T, J, 3]`` turned about the pivot and shifted, each by its own move."""
         return replace(motion, joints=_moved(motion.joints, moves, self.pivot))
 
     def fit(self, motion: Motion, cost: Callable[[Motion], Float[Tensor, " S"]]) -> Float[Tensor, "S 3"]:
-        """The moves that suit a motion best, from those found last; the first time from several headings."""
-        motion = replace(motion, joints=motion.joints.detach())
-
-        def of_moves(moves: Tensor) -> Tensor:
-            return cost(self.moved(motion, moves))
-
-        if self.moves is not None:
-            begins = [self.moves]
-        else:
-            turns = torch.arange(HEADINGS) * (2 * torch.pi / HEADINGS)
-            begins = [motion.joints.new_tensor([0.0, 0.0, float(turn)]).repeat(len(motion.joints), 1) for turn in turns]
-        found = [minimise(Problem(of_moves, begin, _never), _FIT) for begin in begins]
-        best = torch.stack([solution.cost for solution in found]).argmin(0)
-        self.moves = torch.stack([solution.value for solution in found])[best, torch.arange(len(best))]
-        return self.moves
+        """The moves that suit a motion best: least cost of searches from several headings, all in one batch."""
+        samples = len(motion.joints)
+        joints, valid = motion.joints.detach().repeat(HEADINGS, 1, 1, 1), motion.valid.repeat(HEADINGS, 1)
+        turned = replace(motion, joints=joints, valid=valid)
+        begin = joints.new_zeros(HEADINGS * samples, UNKNOWNS)
+        begin[:, -1] = torch.arange(HEADINGS).repeat_interleave(samples).to(begin) * (2 * torch.pi / HEADINGS)
+        found = minimise(Problem(lambda moves: cost(self.moved(turned, moves)), begin, _never), _FIT)
+        best = found.cost.unflatten(0, (HEADINGS, samples)).argmin(0)
+        moves: Tensor = found.value.unflatten(0, (HEADINGS, samples))[best, torch.arange(samples, device=best.device)]
+        return moves
 
 
 @dataclass(frozen=True)
@@ -94,6 +85,14 @@ class MovedStep:
     @property
     def motion(self) -> Motion:
         return self.start.moved(self.inner.motion, self.moves)
+
+    @property
+    def price(self) -> Price:
+        return self.inner.price
+
+    @property
+    def unit(self) -> float:
+        return self.inner.unit
 
     def jvp(self, tangent: Float[Tensor, "S m"]) -> Float[Tensor, "S T J 3"]:
         turned = _turned(self.inner.jvp(self._inner(tangent)), self.moves[:, 2])
@@ -136,4 +135,4 @@ def _turned(vectors: Float[Tensor, "*r S T J 3"], yaw: Float[Tensor, " S"]) -> F
 
 
 def _never(moves: Tensor) -> Tensor:
-    return torch.zeros(len(moves), dtype=torch.bool)
+    return torch.zeros(len(moves), dtype=torch.bool, device=moves.device)

@@ -1,18 +1,19 @@
-"""Generators: text in, motions out, each behind the protocol of `base`."""
+"""Generators: text in, drafts of motions out, each family in a folder behind the protocol of `base`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from scenectl.generators.base import Editor, Generation, Generator, Guide, Progress, Step
+from scenectl.generators.registry import find
 from scenes.errors import UserError, did_you_mean
 
-__all__ = ["GENERATORS", "Editor", "Generation", "Generator", "Guide", "Progress", "Step", "load_generator"]
+if TYPE_CHECKING:
+    from scenectl.generators.base import Generator
 
-GENERATORS = ("mscot",)
+__all__ = ["load_generator"]
 
 
 def load_generator(
@@ -21,29 +22,28 @@ def load_generator(
     """Load a generator.
 
     Args:
-        name: one of `GENERATORS`.
-        weights: name of bundled weights, or a folder.
+        name: of a registered family (`scenectl.generators.registry`).
+        weights: name of bundled weights, or a folder; "default" is the family's own.
         threads: CPU threads torch may use; None leaves its setting alone.
-        sampling: settings of the generator (for MSCoT: `cfg`, `temperature`, `top_p`, `clip_nats`, `clip_coarsest`).
+        sampling: the family's settings (for MSCoT: `cfg`, `temperature`, `top_p`, `clip_nats`, `clip_coarsest`).
 
     Raises:
         UserError: unknown generator or setting, missing or damaged weights.
     """
     import torch
 
-    from scenectl.generators.mscot.bundle import load_bundle
-    from scenectl.generators.mscot.sampling import MSCoT, Sampling
+    from scenectl.generators.weights import open_weights
 
-    if name not in GENERATORS:
-        raise UserError(f"unknown generator '{name}'{did_you_mean(name, GENERATORS)}")
+    family = find(name)
+    fields = family.settings.model_fields
     for key in sampling:
-        if key not in Sampling.model_fields:
-            raise UserError(f"generator '{name}': unknown setting '{key}'{did_you_mean(key, Sampling.model_fields)}")
+        if key not in fields:
+            raise UserError(f"generator '{name}': unknown setting '{key}'{did_you_mean(key, fields)}")
     try:
-        settings = Sampling(**sampling)
+        settings = family.settings(**sampling)
     except ValidationError as error:
         first = error.errors()[0]
         raise UserError(f"generator '{name}': {first['loc'][0]}: {first['msg'].lower()}") from error
     if threads is not None:
         torch.set_num_threads(threads)
-    return MSCoT(load_bundle(weights), settings)
+    return family.open(open_weights(family, weights), settings)

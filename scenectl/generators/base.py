@@ -1,4 +1,4 @@
-"""What every generator shares: steps that can be guided, a guide it is handed, and motions out.
+"""What every generator shares: prompts in, steps that can be guided, a draft out.
 
 A generator knows steps and never goals; a guide knows goals and never tokens, noise or codebooks. Every
 method in the literature has moments at which its current belief can be decoded into a motion, so the
@@ -14,10 +14,30 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from scenectl.generators.conditions import Conditions
+from scenectl.generators.prompts import Prompts
+from scenectl.generators.spec import Spec
 from scenes.motion.motion import Motion, Pose2D
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done, 0 to 1."""
+
+
+def silent(what: str, fraction: float) -> None:
+    """Progress that nobody follows."""
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a step's products cost, in passes: one decodes a value and pulls one gradient back to it.
+
+    Attributes:
+        product: of one `jvp` or `vjp` at a value that is decoded already.
+        row: of each cotangent more in `vjps`.
+    """
+
+    product: float
+    row: float
 
 
 @runtime_checkable
@@ -36,12 +56,25 @@ class Step(Protocol):
         ...
 
     def at(self, value: Float[Tensor, "S *v"]) -> Step:
-        """The same step with another value, of as many samples or of fewer; products are taken there."""
+        """The same step with another value; products are taken there.
+
+        The last step of a draft takes values of fewer samples, too, in any order.
+        """
         ...
 
     @property
     def motion(self) -> Motion:
         """The step's own value, decoded, detached."""
+        ...
+
+    @property
+    def price(self) -> Price:
+        """What its products cost: solvers that ask for many are chosen where they are cheap."""
+        ...
+
+    @property
+    def unit(self) -> float:
+        """Length in the value's space that a solver's prior counts as one."""
         ...
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
@@ -59,7 +92,7 @@ class Step(Protocol):
 
 @runtime_checkable
 class Guide(Protocol):
-    """What a generator is handed to reach goals it knows nothing about."""
+    """What a generator is handed to reach goals it knows nothing about; it answers and holds no state."""
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         """Log-likelihood of the goals, up to a constant (Eq. 40), at the step's own value."""
@@ -69,39 +102,31 @@ class Guide(Protocol):
         """Gradient of `log_prob` in the step's value."""
         ...
 
-    def refine(self, step: Step) -> Float[Tensor, "S *v"]:
-        """A value near the step's own that meets the goals better (Eq. 12)."""
-        ...
-
-    def finish(self, made: Generation) -> Generation:
-        """The guide's last word, in joints, on what a generator made: handed to it at the end, and returned."""
-        ...
-
 
 @dataclass(frozen=True)
-class Generation:
-    """What a generator returns.
+class Draft:
+    """What a generator returns; the pipeline refines it.
 
     Attributes:
         motion: world coordinates, ``[S, T, J, 3]``.
-        unrefined: the same before refinement, or None where nothing was refined.
-        trace: figures the generator wants in the report, by name.
+        step: the last one, whose value decodes to `motion`: what refinement starts from. None where a family has none.
+        trace: figures for the report, by name.
     """
 
     motion: Motion
-    unrefined: Motion | None = None
+    step: Step | None = None
     trace: dict[str, object] = field(default_factory=dict)
 
 
 @runtime_checkable
 class Generator(Protocol):
-    """Text and length in, motions out; steered only through a guide, to which `generate` hands its result at last."""
+    """Prompts and a length in, a draft out; steered through a guide, or through conditions where the family can."""
 
     @property
     def name(self) -> str: ...
 
     @property
-    def fps(self) -> float: ...
+    def spec(self) -> Spec: ...
 
     @property
     def licence(self) -> str:
@@ -110,14 +135,32 @@ class Generator(Protocol):
 
     def generate(
         self,
-        prompt: str,
+        prompts: Prompts | str,
         seconds: float,
         start: Pose2D,
+        *,
+        conditions: Conditions | None = None,
         guide: Guide | None = None,
         samples: int = 1,
         seed: int = 0,
         progress: Progress | None = None,
-    ) -> Generation: ...
+    ) -> Draft:
+        """Motions for prompts, ``[samples, T, J, 3]`` with T = seconds x `spec.fps`.
+
+        Args:
+            prompts: sentences with their times; one string is one for the whole motion.
+            seconds: length.
+            start: where the motion begins.
+            conditions: goals as inputs of a network; families without such inputs ignore them.
+            guide: steers every step.
+            samples: how many motions.
+            seed: decides everything that is random.
+            progress: called with what is being done and the fraction done.
+
+        Raises:
+            UserError: prompts, a length or a number of samples that `spec` rules out.
+        """
+        ...
 
 
 @runtime_checkable
@@ -132,13 +175,14 @@ class Editor(Protocol):
         self,
         motion: Motion,
         regenerate: Bool[Tensor, " T"],
-        prompt: str,
+        prompts: Prompts | str,
+        *,
         guide: Guide | None = None,
         samples: int = 1,
         seed: int = 0,
         progress: Progress | None = None,
-    ) -> Generation:
-        """Motions in the frame of the one given, ``[samples, T, 22, 3]``, made anew where `regenerate` says.
+    ) -> Draft:
+        """Motions in the frame of the one given, ``[samples, T, J, 3]``, made anew where `regenerate` says.
 
         What `motion` holds there is of no account. Raises UserError for a motion it cannot edit.
         """

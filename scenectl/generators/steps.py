@@ -8,23 +8,33 @@ from functools import cached_property
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
-from scenectl.data.features import POSITIONS
-from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.generators.base import Price
 from scenectl.networks.linearised import LinearisedDecoder
 from scenes.motion.motion import Motion
 
-_READ = POSITIONS.stop
-"""Features from which joints are recovered: the first so many."""
+AUTOGRAD = Price(product=1.0, row=1.0)
+"""Each product through autograd's record is a pass of its own."""
+
+LINEARISED = Price(product=0.5, row=0.05)
+"""Products of a linearised decoder, of which many go through in one batch."""
 
 
 @dataclass(frozen=True)
 class DecodedStep:
-    """A `Step` given by its value and a differentiable decoder; the products come from autograd."""
+    """A `Step` given by its value and a differentiable decoder; the products come from autograd.
+
+    Attributes:
+        value: what the generator believes.
+        decoder: from values to motions in the world.
+        price, unit: see `Step`.
+    """
 
     value: Float[Tensor, "S *v"]
     decoder: Callable[[Tensor], Motion]
+    price: Price = AUTOGRAD
+    unit: float = 1.0
 
     def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
         return self.decoder(value)
@@ -38,7 +48,11 @@ class DecodedStep:
         return self.decoder(self.value)
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
-        out: Tensor = torch.func.jvp(lambda v: self.decoder(v).joints, (self.value,), (tangent,))[1]
+        try:
+            out: Tensor = torch.func.jvp(lambda v: self.decoder(v).joints, (self.value,), (tangent,))[1]
+        except (NotImplementedError, RuntimeError):  # an operation without a forward mode
+            dummy, pulled = pullback(lambda v: self.decoder(v).joints, self.value)
+            (out,) = torch.autograd.grad(pulled, dummy, tangent)
         return out
 
     def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S *v"]:
@@ -54,27 +68,33 @@ class DecodedStep:
 
 @dataclass(frozen=True)
 class LatentStep:
-    """A `Step` whose value leads to a tokenizer's latent by an affine map, and from there to joints.
+    """A `Step` whose value leads to a latent by an affine map, and through a piecewise linear decoder to joints.
 
     Attributes:
         value: embeddings of one or of all scales.
-        tokenizer: whose decoder it is.
-        latent: affine map from values to latents ``[S, d, L]``.
-        place: joints in the world, of the features ``[S, T, c]`` of 4 L frames.
+        decoder: chain of layers from latents ``[S, d, L]`` to normalised features ``[S, c, T]``.
+        scale, offset: of the first n features, those that `place` reads, ``[n]``.
+        latent: affine map from values to latents.
+        place: motion in the world, of features ``[S, T, n]``.
         rough: precision of many gradients at once, which solvers use as a model only; by default the value's own.
+        price, unit: see `Step`.
         records: of the affine map, by the number of gradients of all samples and whether they are rough;
             kept from value to value.
     """
 
     value: Float[Tensor, "S *v"]
-    tokenizer: Tokenizer
+    decoder: nn.Sequential
+    scale: Float[Tensor, " n"]
+    offset: Float[Tensor, " n"]
     latent: Callable[[Tensor], Tensor]
     place: Callable[[Tensor], Motion]
     rough: torch.dtype | None = None
+    price: Price = LINEARISED
+    unit: float = 1.0
     records: dict[tuple[int, bool], tuple[Tensor, Tensor]] = field(default_factory=dict, compare=False, repr=False)
 
     def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
-        return self.place(self.tokenizer.decode_latent(self.latent(value)))
+        return self.place(self._raw(self.decoder(self.latent(value))[:, : len(self.scale)]))
 
     def at(self, value: Float[Tensor, "S *v"]) -> LatentStep:
         return replace(self, value=value)
@@ -87,7 +107,7 @@ class LatentStep:
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         moved = self.latent(tangent) - self.latent(torch.zeros_like(tangent))
-        features = self._decoder.jvp(moved[None])[0].transpose(1, 2) * self.tokenizer.std[:_READ]
+        features = self._linearised.jvp(moved[None])[0].transpose(1, 2) * self.scale
         dummy, pulled = self._pullback
         (joints,) = torch.autograd.grad(pulled, dummy, features, retain_graph=True)
         return joints
@@ -104,8 +124,8 @@ class LatentStep:
         with torch.enable_grad():
             joints = self.place(features).joints
         (rows,) = torch.autograd.grad(joints, features, cotangents.flatten(0, 1))
-        normal = (rows * self.tokenizer.std[:_READ]).unflatten(0, (count, -1)).transpose(-1, -2)
-        return self._pulled_back(self._decoder.vjp(normal.to(precision)), precision)
+        normal = (rows * self.scale).unflatten(0, (count, -1)).transpose(-1, -2)
+        return self._pulled_back(self._linearised.vjp(normal.to(precision)), precision)
 
     def _pulled_back(self, latent: Float[Tensor, "R S d L"], precision: torch.dtype) -> Float[Tensor, "R S *v"]:
         """The adjoint of the affine map's linear part, of all R at once; autograd's record of it serves every value."""
@@ -118,21 +138,31 @@ class LatentStep:
         (gradient,) = torch.autograd.grad(image, value, latent.flatten(0, 1).to(image), retain_graph=True)
         return gradient.unflatten(0, (len(latent), -1))
 
-    @cached_property
-    def _decoder(self) -> LinearisedDecoder:
-        with torch.no_grad():
-            return LinearisedDecoder(self.tokenizer.decoder.net, self.latent(self.value), _READ)
+    def _raw(self, normalised: Float[Tensor, "S n T"]) -> Float[Tensor, "S T n"]:
+        return normalised.transpose(1, 2) * self.scale + self.offset
 
     @cached_property
-    def _features(self) -> Float[Tensor, "S T c"]:
-        return self._decoder.output.transpose(1, 2) * self.tokenizer.std[:_READ] + self.tokenizer.mean[:_READ]
+    def _linearised(self) -> LinearisedDecoder:
+        with torch.no_grad():
+            return LinearisedDecoder(self.decoder, self.latent(self.value), len(self.scale))
+
+    @cached_property
+    def _features(self) -> Float[Tensor, "S T n"]:
+        return self._raw(self._linearised.output)
 
     @cached_property
     def _pullback(self) -> tuple[Tensor, Tensor]:
-        """A gradient in the joints and the features' for it, linear in it: differentiating that leads forward."""
-        features = self._features.detach().requires_grad_(True)
-        with torch.enable_grad():
-            joints = self.place(features).joints
-            dummy = torch.zeros_like(joints).requires_grad_(True)
-            (pulled,) = torch.autograd.grad(joints, features, dummy, create_graph=True)
-        return dummy, pulled
+        return pullback(lambda features: self.place(features).joints, self._features)
+
+
+def pullback(function: Callable[[Tensor], Tensor], at: Tensor) -> tuple[Tensor, Tensor]:
+    """A cotangent of a function's output and its gradient in the input, which is linear in it.
+
+    Differentiating the gradient in the cotangent leads forward: J itself, by two backward passes.
+    """
+    x = at.detach().requires_grad_(True)
+    with torch.enable_grad():
+        out = function(x)
+        dummy = torch.zeros_like(out).requires_grad_(True)
+        (pulled,) = torch.autograd.grad(out, x, dummy, create_graph=True)
+    return dummy, pulled

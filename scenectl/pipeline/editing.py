@@ -13,17 +13,20 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenectl.control.problem import Problem
 from scenectl.control.settings import SolverSettings
-from scenectl.control.solvers import minimise
-from scenectl.generators.base import Editor, Generation, Generator, Guide, Progress, Step
-from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
-from scenectl.pipeline.run import Result, score
-from scenectl.tasks.schema import SceneSpec, Task
+from scenectl.control.solvers.choice import minimise
+from scenectl.control.solvers.problem import Problem
+from scenectl.generators import registry
+from scenectl.generators.base import Draft, Editor, Generator, Guide, Progress, Step
+from scenectl.generators.spec import Spec
+from scenectl.pipeline.results import Result
+from scenectl.pipeline.run import score
+from scenectl.tasks.schema import SceneSpec
+from scenectl.tasks.task import Task
+from scenectl.threads import threads
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import HUMANML3D
 
 BESIDE = 12
 """Kept frames beside each seam that refinement fits: those further off are put back as they were anyway."""
@@ -43,12 +46,12 @@ def edit(
     seed: int = 0,
     progress: Progress | None = None,
     iterations: int = 40,
-) -> Generation:
+) -> Draft:
     """Make parts of one motion anew.
 
     Args:
         generator: one that can edit.
-        motion: ``[T, 22, 3]`` metres, world, 36 to 196 frames at 20 fps, on the uniform skeleton.
+        motion: ``[T, J, 3]`` metres, world, on the generator's clock and skeleton, no longer than it makes at once.
         regenerate: the frames to make anew; what the motion holds there is of no account.
         prompt: what the whole motion shall be.
         guide: further goals.
@@ -56,17 +59,20 @@ def edit(
         iterations: refinement steps.
 
     Returns:
-        Motions ``[samples, T, 22, 3]``, equal to the one given in every frame kept.
+        Motions ``[samples, T, J, 3]``, equal to the one given in every frame kept; without a step to refine further.
 
     Raises:
         UserError: a generator that cannot edit, or a motion or mask that is not as described.
     """
     if not isinstance(generator, Editor):
-        raise UserError(f"generator '{generator.name}' cannot edit motions; 'mscot' can")
-    check(motion, regenerate)
-    keeping = Keeping(motion, ~regenerate, guide, SolverSettings(iterations=iterations))
-    made = generator.edit(motion, regenerate, prompt, keeping, samples, seed, progress)
-    return replace(made, motion=settled(motion, made.motion, regenerate))
+        able = [name for name in registry.names() if "edit" in registry.find(name).spec.abilities]
+        raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
+    check(motion, regenerate, generator.spec)
+    keeping, solver = Keeping(motion, ~regenerate, guide), SolverSettings(iterations=iterations)
+    with threads():
+        draft = generator.edit(motion, regenerate, prompt, guide=keeping, samples=samples, seed=seed, progress=progress)
+        made = draft.motion if draft.step is None else refined(draft.step, keeping, solver)
+    return Draft(settled(motion, made, regenerate), None, draft.trace)
 
 
 def mask_of(motion: Motion, spans: Sequence[tuple[float, float]]) -> Bool[Tensor, " T"]:
@@ -89,7 +95,6 @@ def edited(
     progress: Progress | None = None,
 ) -> Result:
     """The edits that `edit` makes, measured on the floor that the kept frames stand on; arguments as it takes them."""
-    check(motion, regenerate)
     made = edit(generator, motion, regenerate, prompt, samples=samples, seed=seed, progress=progress)
     floor = float(motion.joints[~regenerate][..., 1].min()) - DEFAULT_BODY.sole_offset
     task = Task(prompt=prompt, seconds=motion.seconds, scene=SceneSpec(floor=floor))
@@ -100,16 +105,19 @@ def edited(
     return result
 
 
-def check(motion: Motion, regenerate: Bool[Tensor, " T"]) -> None:
+def check(motion: Motion, regenerate: Bool[Tensor, " T"], spec: Spec) -> None:
     """Raises UserError for a motion or mask that cannot be edited."""
     if motion.joints.ndim != 3:
-        raise UserError(f"the motion has shape {tuple(motion.joints.shape)}; an edit takes one motion, [T, 22, 3]")
-    if motion.skeleton.names != HUMANML3D.names:
-        raise UserError("the motion has another skeleton; an edit takes HumanML3D's 22 joints")
-    if motion.fps != 20.0:
-        raise UserError(f"the motion has {motion.fps:g} frames a second; an edit takes 20: resample it first")
-    if not MIN_FRAMES <= motion.frames <= MAX_FRAMES:
-        raise UserError(f"the motion has {motion.frames} frames; an edit takes {MIN_FRAMES} to {MAX_FRAMES}")
+        raise UserError(f"the motion has shape {tuple(motion.joints.shape)}; an edit takes one motion, [T, J, 3]")
+    if motion.skeleton.names != spec.skeleton.names:
+        raise UserError(
+            f"the motion has another skeleton; an edit takes the generator's {len(spec.skeleton.names)} joints"
+        )
+    if motion.fps != spec.fps:
+        raise UserError(f"the motion has {motion.fps:g} frames a second; an edit takes {spec.fps:g}: resample it first")
+    low, high = spec.shortest_frames, spec.window_frames
+    if not low <= motion.frames <= high:
+        raise UserError(f"the motion has {motion.frames} frames; an edit takes {low} to {high}")
     if not motion.valid.all() or not torch.isfinite(motion.joints).all():
         raise UserError("the motion holds padding or positions that are not finite; cut it to its real frames first")
     if regenerate.shape != (motion.frames,):
@@ -118,10 +126,10 @@ def check(motion: Motion, regenerate: Bool[Tensor, " T"]) -> None:
         raise UserError("the edit makes no frame anew; name a part of the motion to regenerate")
     if regenerate.all():
         raise UserError("the edit keeps no frame; leave some, or generate a motion from the prompt alone")
-    parents, children = zip(*HUMANML3D.bones, strict=True)
+    parents, children = zip(*spec.skeleton.bones, strict=True)
     kept = motion.joints[~regenerate]
     lengths = (kept[:, list(children)] - kept[:, list(parents)]).norm(dim=-1).mean(0)
-    ratio = float(lengths.sum()) / float(HUMANML3D.bone_lengths[list(children)].sum())
+    ratio = float(lengths.sum()) / float(spec.skeleton.bone_lengths[list(children)].sum())
     if not 0.85 < ratio < 1.15:
         raise UserError(
             f"the motion's bones are {ratio:.2f} times as long as the uniform skeleton's; bring it to that size first "
@@ -132,14 +140,8 @@ def check(motion: Motion, regenerate: Bool[Tensor, " T"]) -> None:
 class Keeping:
     """A guide towards the kept frames beside the seams, in the world, and towards another guide's goals."""
 
-    def __init__(
-        self,
-        motion: Motion,
-        kept: Bool[Tensor, " T"],
-        others: Guide | None = None,
-        solver: SolverSettings | None = None,
-    ) -> None:
-        self.others, self.solver = others, solver or SolverSettings()
+    def __init__(self, motion: Motion, kept: Bool[Tensor, " T"], others: Guide | None = None) -> None:
+        self.others = others
         self.frames = torch.nonzero(kept & near(~kept, BESIDE)).flatten()
         self.goal = motion.joints[self.frames]
 
@@ -159,23 +161,21 @@ class Keeping:
         gradient = torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
         return gradient if self.others is None else gradient + self.others.gradient(step)
 
-    def refine(self, step: Step) -> Float[Tensor, "S *v"]:
-        if self.solver.iterations == 0:
-            return step.value.detach()
-        shape, start = step.value.shape, step.value.detach().flatten(1)
 
-        def cost(x: Tensor) -> Tensor:
-            wanted = -self.log_prob(step.at(x.unflatten(1, shape[1:])))
-            return wanted + self.solver.prior * (x - start).square().sum(1)
+def refined(step: Step, guide: Guide, solver: SolverSettings) -> Motion:
+    """The motion that a guide finds likeliest near a step's own value."""
+    if solver.iterations == 0:
+        return step.motion
+    shape, start = step.value.shape, step.value.detach().flatten(1)
 
-        def done(x: Tensor) -> Tensor:
-            return torch.zeros(len(x), dtype=torch.bool)
+    def cost(x: Tensor) -> Tensor:
+        away = (x - start).square().sum(1) / step.unit**2
+        return solver.prior * away - guide.log_prob(step.at(x.unflatten(1, shape[1:])))
 
-        return minimise(Problem(cost, start, done), self.solver).value.unflatten(1, shape[1:])
+    def done(x: Tensor) -> Tensor:
+        return torch.zeros(len(x), dtype=torch.bool, device=x.device)
 
-    def finish(self, made: Generation) -> Generation:
-        """As it is: what is kept is put back by `settled`."""
-        return made
+    return step.at(minimise(Problem(cost, start, done), solver).value.unflatten(1, shape[1:])).motion
 
 
 def near(mask: Bool[Tensor, " T"], frames: int) -> Bool[Tensor, " T"]:

@@ -11,7 +11,7 @@ from scenectl.view.picture import Picture
 from scenes.world.scene import Scene
 
 if TYPE_CHECKING:
-    from scenectl.pipeline.run import Result
+    from scenectl.pipeline.results import Result
 
 __all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_result", "of_scene"]
 
@@ -23,7 +23,7 @@ def of_scene(scene: Scene) -> Picture:
 
 def of_result(result: Result, sample: int = 0) -> Picture:
     """One motion of a result in its scene; 0 is the best."""
-    problem = result.problem
+    problem = result.setup
     return Picture(
         problem.scene, result.motion[sample], problem.path, problem.objective, problem.task.prompt, problem.body
     )
@@ -32,8 +32,8 @@ def of_result(result: Result, sample: int = 0) -> Picture:
 def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     """One motion of a folder that `scenectl run` wrote; raises UserError for another folder or a missing sample."""
     from objectives import Objective
-    from scenectl.pipeline.run import load_result
-    from scenectl.tasks.schema import Task
+    from scenectl.pipeline.results import load_result
+    from scenectl.tasks.task import Task
     from scenes.errors import UserError
 
     motion, report = load_result(folder)

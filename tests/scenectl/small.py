@@ -78,7 +78,7 @@ def bundle(seed: int = 0, **changes: object) -> Bundle:
     torch.nn.init.normal_(transformer.no_word, std=0.5)
     for network in (tokenizer, transformer, refiner):
         network.eval().requires_grad_(False)
-    return Bundle(settings, tokenizer, transformer, refiner, Words(), "CC0-1.0", {})
+    return Bundle(settings, tokenizer, transformer, refiner, Words(), "CC0-1.0")
 
 
 def double(made: Bundle) -> Bundle:

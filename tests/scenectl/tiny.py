@@ -8,7 +8,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenectl.generators.base import Generation, Guide, Progress
+from scenectl.generators.base import Draft, Guide, Price, Progress
+from scenectl.generators.conditions import Conditions
+from scenectl.generators.prompts import Prompts
+from scenectl.generators.spec import Spec, check_request
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
 
@@ -23,12 +26,17 @@ def statue() -> Float[Tensor, "22 3"]:
     return joints
 
 
+CHEAP = Price(product=0.1, row=0.1)
+
+
 @dataclass
 class TinyStep:
     """Its value is where the statue stands in the canonical frame, x and z at every frame."""
 
     value: Float[Tensor, "S T 2"]
     start: Pose2D
+    price: Price = CHEAP
+    unit: float = 1.0
 
     def decode(self, value: Float[Tensor, "S T 2"]) -> Motion:
         x, z = value.unbind(-1)
@@ -53,28 +61,27 @@ class TinyStep:
 
 
 class TinyGenerator:
-    """Statues that slide ahead at 0.5 m/s, sample s a little more to the left; refined as a guide asks."""
+    """Statues that slide ahead at 0.5 m/s, sample s a little more to the left."""
 
-    name, fps, licence = "tiny", 20.0, "CC0-1.0"
+    name, licence = "tiny", "CC0-1.0"
+    spec = Spec(fps=20.0, shortest=0.5, longest=60.0, window=9.8)
 
     def generate(
         self,
-        prompt: str,
+        prompts: Prompts | str,
         seconds: float,
         start: Pose2D,
+        *,
+        conditions: Conditions | None = None,
         guide: Guide | None = None,
         samples: int = 1,
         seed: int = 0,
         progress: Progress | None = None,
-    ) -> Generation:
-        frames = round(seconds * self.fps)
+    ) -> Draft:
+        text, frames = check_request(self.name, self.spec, prompts, seconds, start, samples)
         draw = torch.Generator().manual_seed(seed)
-        ahead = 0.5 * torch.arange(frames) / self.fps
+        ahead = 0.5 * torch.arange(frames) / self.spec.fps
         left = torch.rand(samples, 1, generator=draw) * 0.2
         value = torch.stack([left.expand(samples, frames), ahead.expand(samples, frames)], dim=-1)
         step = TinyStep(value, start)
-        motion = step.decode(value)
-        if guide is None:
-            return Generation(motion, trace={"prompt": prompt})
-        refined = step.decode(guide.refine(step).detach())
-        return guide.finish(Generation(refined, motion, {"tilt": torch.zeros(3), "nan": float("nan")}))
+        return Draft(step.motion, step, {"prompt": text, "tilt": torch.zeros(3), "nan": float("nan")})

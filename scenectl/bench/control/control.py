@@ -14,7 +14,7 @@ import torch
 from objectives import Term
 from scenectl.bench.control.keyframes import DENSITIES, FAILED, FLOOR, JOINTS, SHORTEST, Keyframes, usable_clips
 from scenectl.bench.control.rivals import METHODS, Case, Remembered, ways
-from scenectl.control.natural import bone_errors
+from scenectl.control.refine.natural import bone_errors
 from scenectl.data.corpus import Clip
 from scenectl.generators.base import Progress
 from scenectl.generators.mscot.sampling import MSCoT

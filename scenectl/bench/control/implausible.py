@@ -17,7 +17,7 @@ from torch import Tensor
 from objectives import Objective, Term, diagnosis
 from scenectl.bench.control.keyframes import ON_FLOOR, usable_clips
 from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.control.natural import LIFT, STRETCH, Natural, bone_errors
+from scenectl.control.refine.natural import LIFT, STRETCH, Natural, bone_errors
 from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generator, Progress
 from scenectl.generators.mscot.schedule import MAX_FRAMES

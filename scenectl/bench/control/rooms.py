@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from scenectl.control import SolverSettings
-from scenectl.control.natural import stretches
+from scenectl.control.refine.natural import stretches
 from scenectl.generators.base import Generator, Progress
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.measures.metrics import path_length as way_over_floor

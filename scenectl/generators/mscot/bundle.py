@@ -1,10 +1,9 @@
-"""The networks of one trained model, loaded from a folder, frozen."""
+"""The networks of one trained model, loaded from a folder of weights, frozen."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -14,15 +13,14 @@ from scenectl.generators.mscot.networks.metric import Metric
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
+from scenectl.generators.weights import Weights
 from scenectl.networks.checkpoint import load_weights, read_about
 from scenectl.networks.text import TextEncoder, load_text_encoder
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError
 
 PARTS = ("tokenizer", "transformer", "refiner")
-METRIC = "metric.safetensors"
-"""Beside the networks, and measured on them when they are exported."""
-
-_BUNDLED = Path(str(files("scenectl"))) / "weights"
+METRIC = "metric"
+"""A fourth part, measured on the others when they are exported; weights may lack it."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,6 @@ class Bundle:
 
     Attributes:
         licence: terms of the weights, which follow from the data they were trained on.
-        about: the description stored with the weights.
         metric: coordinates in which refinement searches; None, as in weights that lack it, leaves embeddings alone.
     """
 
@@ -41,68 +38,58 @@ class Bundle:
     refiner: Refiner
     text: TextEncoder
     licence: str
-    about: dict[str, Any]
     metric: Metric | None = None
 
 
-def bundled_weights() -> list[str]:
-    """Names of the weights that come with the package."""
-    return sorted(path.parent.name for path in _BUNDLED.glob("*/tokenizer.safetensors"))
-
-
-def weights_folder(name: str | Path) -> Path:
-    """Folder of bundled weights by name, or the folder given; raises UserError where there is none."""
-    folder = Path(name)
-    if folder.is_dir():
-        return folder
-    names = bundled_weights()
-    if str(name) in names:
-        return _BUNDLED / str(name)
-    raise UserError(f"no weights '{name}': neither a folder nor bundled{did_you_mean(str(name), names)}")
-
-
-def load_bundle(name: str | Path = "default", with_metric: bool = True) -> Bundle:
+def load_bundle(weights: Weights, with_metric: bool = True) -> Bundle:
     """Load a model; raises UserError where files are missing, damaged or of different models.
 
     Args:
-        name: of bundled weights, or a folder.
+        weights: a folder, described.
         with_metric: read the metric, too, where there is one.
     """
-    folder = weights_folder(name)
-    about = {part: read_about(folder / f"{part}.safetensors") for part in PARTS}
-    try:
-        config = ModelConfig.model_validate(about["tokenizer"]["config"])
-        same = all(about[part]["config"] == about["tokenizer"]["config"] for part in PARTS)
-        licence = str(about["tokenizer"]["licence"])
-    except (KeyError, ValidationError) as error:
-        raise UserError(f"weights in '{folder}' describe no model ({str(error).splitlines()[0]})") from error
-    if not same:
-        raise UserError(f"weights in '{folder}' belong to different models; copy all three files from one training")
-    tokenizer, transformer, refiner = build(config)
-    for part, module in zip(PARTS, (tokenizer, transformer, refiner), strict=True):
-        load_weights(module, folder / f"{part}.safetensors")
+    config = _config(weights.config)
+    if config is None:
+        raise UserError(f"weights in '{weights.folder}' describe no model of this family; copy them anew")
+    if any(_config_of(weights, part) != config for part in PARTS):
+        raise UserError(f"weights in '{weights.folder}' belong to different models; copy all files from one training")
+    networks = build(config)
+    for part, module in zip(PARTS, networks, strict=True):
+        load_weights(module, weights.part(part))
         module.eval().requires_grad_(False)
     text = load_text_encoder(config.text)
     if text.dim != config.transformer.text_dim:
         raise UserError(
-            f"weights in '{folder}' want text features of {config.transformer.text_dim} numbers, and text encoder "
-            f"'{config.text}' gives {text.dim}; name the encoder they were trained with"
+            f"weights in '{weights.folder}' want text features of {config.transformer.text_dim} numbers, and text "
+            f"encoder '{config.text}' gives {text.dim}; name the encoder they were trained with"
         )
-    return Bundle(
-        config, tokenizer, transformer, refiner, text, licence, about, _metric(folder, config) if with_metric else None
-    )
+    metric = _metric(weights, config) if with_metric else None
+    return Bundle(config, *networks, text, weights.licence, metric)
 
 
-def _metric(folder: Path, config: ModelConfig) -> Metric | None:
+def _metric(weights: Weights, config: ModelConfig) -> Metric | None:
     """The metric in a folder of weights, or None where it has none; raises UserError for another model's."""
-    path = folder / METRIC
-    if not path.is_file():
+    if METRIC not in weights.parts:
         return None
-    if read_about(path).get("config") != config.model_dump(mode="json"):
+    path = weights.part(METRIC)
+    if _config_of(weights, METRIC) != config:
         raise UserError(f"'{path}' belongs to another model; measure it anew with 'scenectl train metric'")
     metric = Metric(config.tokenizer.code_dim, len(config.tokenizer.scales))
     load_weights(metric, path)
     return metric.requires_grad_(False)
+
+
+def _config_of(weights: Weights, part: str) -> ModelConfig | None:
+    """What a part's own header says; raises UserError for a damaged one."""
+    return _config(read_about(weights.part(part)).get("config"))
+
+
+def _config(given: Mapping[str, Any] | None) -> ModelConfig | None:
+    """A configuration with today's defaults for fields that it does not know; None where it is no MSCoT's."""
+    try:
+        return ModelConfig.model_validate(given)
+    except ValidationError:
+        return None
 
 
 def build(config: ModelConfig) -> tuple[Tokenizer, ScaleTransformer, Refiner]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -10,8 +11,15 @@ from torch import Tensor
 
 from scenectl.data.features import joints_to_features, rotation_about_y
 from scenectl.generators.mscot.networks.tokenizer import Quantiser, Tokenizer
-from scenectl.generators.mscot.schedule import DOWNSAMPLING, tokens_for
+from scenectl.generators.mscot.schedule import DOWNSAMPLING, MAX_FRAMES, tokens_for
+from scenectl.generators.windows import Windows
 from scenes.motion.motion import Motion
+
+LONGEST = MAX_FRAMES // DOWNSAMPLING
+"""Tokens of the longest window at the finest scale."""
+
+OVERLAP = 10
+"""Tokens that neighbours share at least (2 s): a whole stride, in which steps can fall into line."""
 
 WHOLE = 0.5
 """Interpolated share of a token above which it is replaced by the original's (MoSa, section IV-D)."""
@@ -72,7 +80,7 @@ class Kept:
         frames, kept = motion.frames, ~regenerate
         filled = bridged(motion.joints, regenerate)
         missing = tokens_for(frames) * DOWNSAMPLING + 1 - frames
-        onward = torch.arange(1, missing + 1)[:, None, None] * (filled[-1:] - filled[-2:-1])
+        onward = torch.arange(1, missing + 1, device=filled.device)[:, None, None] * (filled[-1:] - filled[-2:-1])
         latent = tokenizer.latent(joints_to_features(torch.cat([filled, filled[-1:] + onward]))[None])
         padded = torch.cat([kept, kept[-1:].expand(missing - 1)])
         share = padded.unflatten(0, (-1, DOWNSAMPLING)).all(-1).to(latent)[None]
@@ -111,9 +119,49 @@ class Kept:
 def bridged(joints: Float[Tensor, "T J 3"], gone: Bool[Tensor, " T"]) -> Float[Tensor, "T J 3"]:
     """Straight lines between the frames that stay, and the nearest one before the first and after the last."""
     stay = torch.nonzero(~gone).flatten()
-    at = torch.arange(len(joints))
+    at = torch.arange(len(joints), device=joints.device)
     after = torch.searchsorted(stay, at).clamp_max(len(stay) - 1)
     before = (torch.searchsorted(stay, at, right=True) - 1).clamp_min(0)
     low, high = stay[before], stay[after]
     part = ((at - low) / (high - low).clamp_min(1)).clamp(0, 1).to(joints)[:, None, None]
     return joints[low] + part * (joints[high] - joints[low])
+
+
+def covering(tokens: int) -> Windows:
+    """The windows over a motion of so many tokens at the finest scale."""
+    return Windows.covering(tokens, LONGEST, OVERLAP)
+
+
+@torch.no_grad()
+def in_turns(
+    windows: Windows,
+    quantiser: Quantiser,
+    prior: Float[Tensor, "R L_k V"],
+    coarser: list[Float[Tensor, "R _L_j d"]],
+    sample: Callable[[Tensor, Tensor], Int[Tensor, "R L_k"]],
+) -> Int[Tensor, "R L_k"]:
+    """Tokens of one scale, R = S x W windows: every second window first, then those between.
+
+    A window that has not drawn yet is taken at its prior's mean, so that the first know what the others are likely to
+    do and the others know what the first have done.
+
+    Args:
+        windows: how the motion is covered.
+        quantiser: of the model.
+        prior: logits of this scale.
+        coarser: embeddings of the scales before.
+        sample: draws tokens for logits and every code's closeness to the neighbours (nats).
+    """
+    k, shape = len(coarser), (len(prior), quantiser.config.code_dim, windows.length)
+    done = quantiser.latent(coarser, windows.length) if coarser else prior.new_zeros(shape)
+    others = windows.others.to(prior).repeat(len(prior) // windows.count, 1)
+    odd = (torch.arange(len(prior), device=prior.device) % windows.count % 2 == 1)[:, None]
+    likely = prior.softmax(-1) @ quantiser.codes(k)
+    tokens = torch.zeros(prior.shape[:2], dtype=torch.long, device=prior.device)
+    for turn in (~odd, odd):
+        ahead = done + quantiser.up(k, likely, windows.length)
+        rest = windows.disagreement(torch.where(turn[..., None], done, ahead))
+        drawn = sample(prior, closeness(quantiser, k, rest, others))
+        tokens = torch.where(turn, drawn, tokens)
+        likely = torch.where(turn[..., None], quantiser.lookup(k, drawn), likely)
+    return tokens

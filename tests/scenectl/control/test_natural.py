@@ -9,8 +9,8 @@ import torch
 
 from objectives import Context, Objective, Term, diagnosis
 from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.control import natural as body
-from scenectl.control.natural import LENIENT, STRICT, Leniency, Natural, bone_errors, leads, stretches
+from scenectl.control.refine import natural as body
+from scenectl.control.refine.natural import LENIENT, STRICT, Leniency, Natural, bone_errors, leads, stretches
 from scenectl.generators import load_generator
 from scenectl.measures.metrics import skating_ratio
 from scenes.body.body import DEFAULT_BODY

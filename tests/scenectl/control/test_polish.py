@@ -9,9 +9,9 @@ import torch
 
 from objectives import Context, Objective, Term
 from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.control.natural import bone_errors
-from scenectl.control.polish import REACH, SmoothStep, bearable, loosened
-from scenectl.control.problem import Solution
+from scenectl.control.refine.natural import bone_errors
+from scenectl.control.refine.polish import REACH, SmoothStep, bearable, loosened
+from scenectl.control.solvers.problem import Solution
 from scenectl.generators.base import Generation, Step
 from scenectl.generators.steps import DecodedStep
 from scenectl.measures.metrics import max_acceleration, skating_ratio
@@ -93,14 +93,18 @@ def test_it_can_be_switched_off_and_leaves_alone_what_is_met_or_far_off() -> Non
 
 
 def test_a_move_that_strains_bones_is_not_kept_and_not_called_met(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenectl.control.refinement.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool))
+    monkeypatch.setattr(
+        "scenectl.control.refine.refinement.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool)
+    )
     motion = walkers(1)
     after, solution = finished(targets(motion, [0.005, 0.0, 0.0]), motion)
     assert torch.equal(after.joints, motion.joints) and solution.reasons == ["no progress"]
 
 
 def test_what_cannot_be_polished_goes_on_through_the_decoder(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenectl.control.refinement.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool))
+    monkeypatch.setattr(
+        "scenectl.control.refine.refinement.bearable", lambda before, after: torch.zeros(1, dtype=torch.bool)
+    )
     motion = walkers(1)
     objective = targets(motion, [0.004, 0.003, -0.004])
     guide = ObjectiveGuide(objective, CONTEXT, SolverSettings(natural=False))

@@ -10,9 +10,9 @@ import torch
 from pydantic import ValidationError
 from torch import Tensor
 
-from scenectl.control.problem import Problem, Solution
 from scenectl.control.settings import GuidanceSettings, SolverSettings
-from scenectl.control.solvers import minimise
+from scenectl.control.solvers.choice import minimise
+from scenectl.control.solvers.problem import Problem, Solution
 
 NAMES = ["lbfgs", "adam", "gradient", "lm", "gauss_newton"]
 STEPLESS = ("lbfgs", "lm", "gauss_newton")

@@ -11,8 +11,8 @@ from scenectl.generators.mscot.networks.metric import Metric
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
+from scenectl.generators.mscot.step import step_of
 from scenectl.generators.mscot.training.measures import beginnings
-from scenectl.generators.steps import LatentStep
 from scenectl.training.dataset import Windows
 from scenes.motion.motion import Motion
 
@@ -52,8 +52,8 @@ def _pulled(
 ) -> list[Float[Tensor, "R S _L d"]]:
     """Each scale's gradients for random pulls."""
     lengths = list(tokenizer.quantiser.lengths(finest))
-    step = LatentStep(
-        value, tokenizer, lambda v: tokenizer.quantiser.latent(list(v.split(lengths, dim=1)), finest),
+    step = step_of(
+        tokenizer, value, lambda v: tokenizer.quantiser.latent(list(v.split(lengths, dim=1)), finest),
         lambda features: Motion(features_to_joints(features)),
     )  # fmt: skip
     shape = (_PROBES, *step.motion.joints.shape)

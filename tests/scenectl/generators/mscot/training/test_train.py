@@ -17,7 +17,7 @@ from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.training.tokenizer import _kept_scales, reconstruction_error
 from scenectl.generators.mscot.training.transformer import Captions, _corrupted
 from scenectl.networks.text import TextFeatures
-from scenectl.tasks.schema import Task
+from scenectl.tasks.task import Task
 from scenectl.training.command import train
 from scenectl.training.dataset import prepare
 from scenectl.training.losses import ReconstructionWeights, _amplitudes, reconstruction_loss

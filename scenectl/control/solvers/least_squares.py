@@ -23,8 +23,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenectl.control.first_order import lbfgs
-from scenectl.control.problem import Linearisation, Search
+from scenectl.control.solvers.first_order import lbfgs
+from scenectl.control.solvers.problem import Linearisation, Search
 
 _FIRST_DAMPING = 5e-2
 """Of the mean diagonal of J J^T (or of the rows' mean square, where J is not formed)."""

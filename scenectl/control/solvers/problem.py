@@ -18,7 +18,7 @@ Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
 
 Reason = Literal["met", "no progress", "budget", "abandoned", "strained"]
 """Why a search ended: every term within its tolerance, nothing more to gain, all steps spent, enough other samples met,
-or a body that could bear no more (`scenectl.control.natural`)."""
+or a body that could bear no more (`scenectl.control.refine.natural`)."""
 
 
 @runtime_checkable

@@ -1,29 +1,17 @@
 """Long motions as overlapping windows, each of a length that the model knows, joined in latent space.
 
-Windows are drawn side by side, scale by scale. The decoder is convolutional, so one pass over the cross-faded latent
-gives a motion without a seam, wherever neighbours agree in their overlap; `Windows.disagreement` is what their tokens
-are tilted against (see `scenectl.generators.mscot.keeping`).
+Windows are drawn side by side. A convolutional decoder makes of the cross-faded latent, in one pass, a motion without a
+seam wherever neighbours agree in their overlap; `Windows.disagreement` is what a family tilts its tokens against.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import torch
 from jaxtyping import Float, Int, Shaped
 from torch import Tensor
-
-from scenectl.generators.mscot.keeping import closeness
-from scenectl.generators.mscot.networks.tokenizer import Quantiser
-from scenectl.generators.mscot.schedule import DOWNSAMPLING, MAX_FRAMES
-
-LONGEST = MAX_FRAMES // DOWNSAMPLING
-"""Tokens of the longest window at the finest scale."""
-
-OVERLAP = 10
-"""Tokens that neighbours share at least (2 s): a whole stride, in which steps can fall into line."""
 
 FADE = 4
 """Tokens in the middle of an overlap over which one window fades into the next: few, for a mean of two is a little
@@ -35,7 +23,7 @@ class Windows:
     """Windows of equal length over a row of tokens of the finest scale.
 
     Tensors of all windows have the windows one after the other along the second axis, ``[S, M = W * L, ...]``, so that
-    whoever looks on sees samples first; `rows` and `series` convert to a batch of R = S * W windows and back.
+    the first axis is samples; `rows` and `series` convert to a batch of R = S * W windows and back.
 
     Attributes:
         tokens: N, of the whole motion at the finest scale.
@@ -48,7 +36,7 @@ class Windows:
     starts: tuple[int, ...]
 
     @classmethod
-    def covering(cls, tokens: int, longest: int = LONGEST, overlap: int = OVERLAP) -> Windows:
+    def covering(cls, tokens: int, longest: int, overlap: int) -> Windows:
         """As few windows as cover the motion, evenly spread; a single one where it suffices."""
         if tokens <= longest:
             return cls(tokens, tokens, (0,))
@@ -105,38 +93,3 @@ class Windows:
     @cached_property
     def _at(self) -> Int[Tensor, "W n"]:
         return torch.tensor(self.starts)[:, None] + torch.arange(self.length)
-
-
-@torch.no_grad()
-def in_turns(
-    windows: Windows,
-    quantiser: Quantiser,
-    prior: Float[Tensor, "R L_k V"],
-    coarser: list[Float[Tensor, "R _L_j d"]],
-    sample: Callable[[Tensor, Tensor], Int[Tensor, "R L_k"]],
-) -> Int[Tensor, "R L_k"]:
-    """Tokens of one scale, R = S x W windows: every second window first, then those between.
-
-    Whoever has not drawn yet is taken at its prior's mean, so that the first know what the others are likely to do
-    and the others know what the first have done.
-
-    Args:
-        windows: how the motion is covered.
-        quantiser: of the model.
-        prior: logits of this scale.
-        coarser: embeddings of the scales before.
-        sample: draws tokens for logits and every code's closeness to the neighbours (nats).
-    """
-    k, shape = len(coarser), (len(prior), quantiser.config.code_dim, windows.length)
-    done = quantiser.latent(coarser, windows.length) if coarser else prior.new_zeros(shape)
-    others = windows.others.to(prior).repeat(len(prior) // windows.count, 1)
-    odd = (torch.arange(len(prior), device=prior.device) % windows.count % 2 == 1)[:, None]
-    likely = prior.softmax(-1) @ quantiser.codes(k)
-    tokens = torch.zeros(prior.shape[:2], dtype=torch.long, device=prior.device)
-    for turn in (~odd, odd):
-        ahead = done + quantiser.up(k, likely, windows.length)
-        rest = windows.disagreement(torch.where(turn[..., None], done, ahead))
-        drawn = sample(prior, closeness(quantiser, k, rest, others))
-        tokens = torch.where(turn, drawn, tokens)
-        likely = torch.where(turn[..., None], quantiser.lookup(k, drawn), likely)
-    return tokens

@@ -17,8 +17,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives import Objective
-from scenectl.control.natural import bone_errors
+from scenectl.control.refine.natural import bone_errors
 from scenectl.control.settings import SolverSettings
+from scenectl.generators.base import Price
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
 
@@ -27,6 +28,8 @@ REACH = 0.01
 _FURTHEST, _STRETCH = 3 * REACH, 0.5 * REACH
 """Metres by which a joint may be moved, and by which the bones of a frame may be further from their lengths for it."""
 _ITERATIONS = 20
+SMOOTH = Price(product=0.1, row=0.05)
+"""Moves need no decoder: products are two small matrices."""
 _SECONDS, _BONES = 0.15, 3.0
 """Spread of a move over time (standard deviation), and along the limbs (to 1/e)."""
 
@@ -59,6 +62,8 @@ class SmoothStep:
 
     value: Float[Tensor, "S T J 3"]
     base: Motion
+    price: Price = SMOOTH
+    unit: float = 1.0
 
     @classmethod
     def of(cls, base: Motion) -> SmoothStep:

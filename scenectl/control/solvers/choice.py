@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-from scenectl.control.first_order import adam, gradient_ascent, lbfgs
-from scenectl.control.least_squares import gauss_newton, levenberg_marquardt
-from scenectl.control.problem import Problem, Search, Solution
 from scenectl.control.settings import SolverSettings
+from scenectl.control.solvers.first_order import adam, gradient_ascent, lbfgs
+from scenectl.control.solvers.least_squares import gauss_newton, levenberg_marquardt
+from scenectl.control.solvers.problem import Problem, Search, Solution
 
 Name = Literal["gradient", "adam", "lbfgs", "lm", "gauss_newton"]
 

@@ -11,13 +11,13 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective
-from scenectl.control import natural as body
-from scenectl.control.natural import Natural
-from scenectl.control.polish import SmoothStep, bearable, loosened, polishing
-from scenectl.control.problem import Problem, Reason, Solution
-from scenectl.control.residuals import Residuals
+from scenectl.control.refine import natural as body
+from scenectl.control.refine.natural import Natural
+from scenectl.control.refine.polish import SmoothStep, bearable, loosened, polishing
 from scenectl.control.settings import SolverSettings
-from scenectl.control.solvers import minimise
+from scenectl.control.solvers.choice import minimise
+from scenectl.control.solvers.problem import Problem, Reason, Solution
+from scenectl.control.solvers.residuals import Residuals
 from scenectl.generators.base import Step
 from scenes.motion.motion import Motion
 
@@ -87,7 +87,7 @@ class Refinement:
         return found
 
     def _ease(self, step: Step) -> None:
-        """Solve anew for samples whose body was strained, minding it (`scenectl.control.natural`)."""
+        """Solve anew for samples whose body was strained, minding it (`scenectl.control.refine.natural`)."""
         natural, after = Natural(self._goals, step.motion, self._context), self._motion(step, self.solution)
         gone = torch.tensor([reason == "abandoned" for reason in self.solution.reasons])
         # What is met, or nearly, stays so for all that a bone is a little longer.

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenectl.control.problem import Search
+from scenectl.control.solvers.problem import Search
 
 
 def gradient_ascent(search: Search) -> None:

@@ -1,0 +1,1 @@
+"""Guidance: goals tilt what a generator believes, step by step."""

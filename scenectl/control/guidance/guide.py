@@ -1,0 +1,55 @@
+"""Objectives as a guide: goals and scene on one side, a generator's steps on the other."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from objectives import Context, Objective
+from scenectl.control.settings import GuidanceSettings
+from scenectl.control.start import FreeStart
+from scenectl.generators.base import Step
+from scenes.motion.motion import Motion
+
+
+class ObjectiveGuide:
+    """Steers any generator towards an objective in a context; it answers and holds no state."""
+
+    def __init__(
+        self,
+        objective: Objective,
+        context: Context,
+        guidance: GuidanceSettings | None = None,
+        start: FreeStart | None = None,
+    ) -> None:
+        """Make a guide.
+
+        Args:
+            objective: the goals.
+            context: scene and body.
+            guidance: settings.
+            start: where motions begin, if that shall be solved for: each step is seen from where it suits the goals.
+        """
+        self.objective, self.context, self.start = objective, context, start
+        self.guidance = guidance or GuidanceSettings()
+
+    def log_prob(self, step: Step) -> Float[Tensor, " S"]:
+        """Minus the objective's cost (Eq. 40), times the guidance scale."""
+        return -self.guidance.scale * self._cost(self._begun(step.decode(step.value)))
+
+    def gradient(self, step: Step) -> Float[Tensor, "S *v"]:
+        """Gradient of `log_prob` in the step's value; samples are independent, so one backward pass serves all."""
+        value = step.value.detach().requires_grad_(True)
+        with torch.enable_grad():
+            cost = self._cost(self._begun(step.decode(value)))
+            (gradient,) = torch.autograd.grad(cost.sum(), value)
+        # One frame that is not a number must not silence the whole tilt.
+        return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
+
+    def _begun(self, motion: Motion) -> Motion:
+        """The motion from the start that suits the goals best, if that is free."""
+        return motion if self.start is None else self.start.moved(motion, self.start.fit(motion, self._cost))
+
+    def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
+        return self.objective.cost(motion, self.context)

@@ -1,0 +1,1 @@
+"""Solvers: numerics that know costs and rows, never bodies."""

@@ -1,0 +1,29 @@
+"""How MSCoT draws its tokens, as it stands in a task's [generator]."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Sampling(BaseModel):
+    """How tokens are drawn.
+
+    Attributes:
+        cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5). More follows rare words of
+            a sentence better, such as "ducks", and makes feet slide.
+        temperature: of the softmax.
+        top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
+            is kept; 1 keeps all.
+        clip_nats: largest spread of a position's tilt between codes (nats) at the finest scale: an unclipped tilt can
+            overrule the prior altogether. Coarser scales may be tilted less (`posterior.clip_at`). 0 leaves tilts as
+            they are.
+        clip_coarsest: share of that spread for the coarsest scale of the first sample.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    cfg: float = Field(default=2.0, ge=0)
+    temperature: float = Field(default=0.7, gt=0)
+    top_p: float = Field(default=0.95, gt=0, le=1)
+    clip_nats: float = Field(default=20.0, ge=0)
+    clip_coarsest: float = Field(default=0.25, gt=0, le=1)

@@ -1,0 +1,127 @@
+"""Weights on disk: a folder with a manifest that says whose they are, and a file for each part.
+
+``manifest.json`` holds `format`, `family`, `parts` (file by name), `config` and `licence`. Folders from before there
+were manifests are described by the headers of their files.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from scenectl.generators.registry import DEFAULT, Family
+from scenes.errors import UserError, did_you_mean
+from scenes.files import atomic_write
+
+MANIFEST = "manifest.json"
+FORMAT = 1
+BUNDLED = Path(str(files("scenectl"))) / "weights"
+
+
+@dataclass(frozen=True)
+class Weights:
+    """A folder of weights, described.
+
+    Attributes:
+        folder: where they lie.
+        family: that they belong to.
+        parts: file of each part.
+        config: of the networks, as the family's own model validates it.
+        licence: terms, which follow from the data they were trained on.
+        credits: sources of that data, with their terms.
+    """
+
+    folder: Path
+    family: str
+    parts: Mapping[str, Path]
+    config: Mapping[str, Any]
+    licence: str
+    credits: tuple[str, ...] = field(default=())
+
+    def part(self, name: str) -> Path:
+        """File of a part; raises UserError where there is none."""
+        if name not in self.parts:
+            raise UserError(f"weights in '{self.folder}' have no {name}; copy all files from one training")
+        return self.parts[name]
+
+    def save(self) -> None:
+        """Write the manifest beside the parts, whole or not at all."""
+        table = {
+            "format": FORMAT,
+            "family": self.family,
+            "parts": {name: path.name for name, path in self.parts.items()},
+            "config": self.config,
+            "licence": self.licence,
+            "credits": list(self.credits),
+        }
+        with atomic_write(self.folder / MANIFEST, "w") as file:
+            json.dump(table, file, indent=1)
+
+
+def bundled_weights() -> list[str]:
+    """Names of the weights that come with the package."""
+    return sorted({path.parent.name for path in BUNDLED.glob("*/*.safetensors")})
+
+
+def weights_folder(name: str | Path) -> Path:
+    """Folder of bundled weights by name, or the folder given; raises UserError where there is none."""
+    folder = Path(name)
+    if folder.is_dir():
+        return folder
+    known = bundled_weights()
+    if str(name) in known:
+        return BUNDLED / str(name)
+    raise UserError(f"no weights '{name}': neither a folder nor bundled{did_you_mean(str(name), known)}")
+
+
+def open_weights(family: Family, name: str | Path = "default") -> Weights | None:
+    """The weights of a family by name, or in a folder; None for a family that has none.
+
+    Raises:
+        UserError: there are none of that name, they are damaged, or another family's.
+    """
+    if family.weights is None:
+        if str(name) != "default":
+            raise UserError(f"generator '{family.name}' has no weights; leave '{name}' out")
+        return None
+    found = described(weights_folder(family.weights if str(name) == "default" else name))
+    if found.family != family.name:
+        raise UserError(
+            f"weights in '{found.folder}' are those of generator '{found.family}', not of '{family.name}'; "
+            f'state name = "{found.family}" under [generator], or --generator {found.family}'
+        )
+    return found
+
+
+def described(folder: Path) -> Weights:
+    """What a folder of weights holds: by its manifest, or by the headers of its files where it has none."""
+    path = folder / MANIFEST
+    if not path.is_file():
+        return _by_headers(folder)
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        parts = {str(name): folder / Path(str(file)).name for name, file in table["parts"].items()}
+        credits = tuple(map(str, table.get("credits", ())))
+        return Weights(folder, str(table["family"]), parts, dict(table["config"]), str(table["licence"]), credits)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UserError(f"'{path}' describes no weights ({error!r}); copy it anew from the training") from error
+
+
+def _by_headers(folder: Path) -> Weights:
+    from scenectl.networks.checkpoint import read_about  # torch, which those who only look for names need not import
+
+    about = {path.stem: read_about(path) for path in sorted(folder.glob("*.safetensors"))}
+    if not about:
+        raise UserError(f"'{folder}' holds no weights: neither a manifest.json nor a .safetensors file")
+    first = about.get("tokenizer") or next(iter(about.values()))
+    try:
+        config, licence = dict(first["config"]), str(first["licence"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"weights in '{folder}' describe no model ({error!r})") from error
+    parts_of = {name: folder / f"{name}.safetensors" for name in about}
+    family = str(first.get("family", DEFAULT))
+    return Weights(folder, family, parts_of, config, licence, tuple(map(str, first.get("credits", ()))))

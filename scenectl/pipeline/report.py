@@ -1,0 +1,49 @@
+"""What happened, for report.json: metres, seconds and radians throughout."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from scenectl.pipeline.results import FORMAT, Sample, plain_json
+from scenectl.tasks.setup import Setup
+from scenectl.version import __version__
+from scenes.world.floor import path_length
+
+
+def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:
+    """What happened, for JSON: metres, seconds and radians throughout."""
+    scene, body, path = setup.scene, setup.body, setup.path
+    return {
+        "format": FORMAT,
+        "scenectl": __version__,
+        "prompt": setup.task.prompt,
+        "seconds": setup.seconds,
+        "fps": fps,
+        "start": {"position": list(setup.start.position), "heading": setup.start.heading},
+        "walk": None if path is None else {"path": plain_json(path.round(4)), "length_m": path_length(path)},
+        "scene": {
+            "name": scene.name,
+            "digest": scene.digest,
+            "floor_m": scene.floor.height,
+            "floor_found": scene.floor.found,
+            "bake": scene.report(),
+        },
+        "body": {"source": body.source, "sole_offset_m": body.sole_offset, "radii": body.table()},
+        "samples": [_row(rank, row) for rank, row in enumerate(rows)],
+        "task": plain_json(setup.task.dump()),
+    }
+
+
+def _row(rank: int, row: Sample) -> dict[str, Any]:
+    return {
+        "rank": rank,
+        "sample": row.index,
+        "cost": row.cost,
+        "unrefined_cost": row.unrefined_cost,
+        "pose_change_m": row.pose_change,
+        "met": row.met,
+        "diagnosis": row.diagnosis,
+        "start": row.start and {"position": list(row.start.position), "heading": row.start.heading},
+        "terms": [term.as_dict() for term in row.terms],
+        "metrics": plain_json(row.metrics),
+    }

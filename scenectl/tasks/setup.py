@@ -1,0 +1,186 @@
+"""From a task's tables to what a generator needs: scene read, start chosen, way planned, goals checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from objectives import Context, Objective
+from scenectl.generators.spec import Spec
+from scenectl.tasks.schema import Start, TaskTable, Walk
+from scenes.body.body import DEFAULT_BODY, ProxyBody
+from scenes.errors import UserError
+from scenes.motion.motion import Motion, Pose2D
+from scenes.world.floor import FreeArea, free_area, path_length
+from scenes.world.scene import Scene
+
+FASTEST_WALK = 1.6
+"""Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
+PACE = 1.4
+"""Metres a second at which tasks without `seconds` are timed: a person's usual pace. The shipped generators', standing
+included, is a little less (`scenectl bench rooms` prints it); a body that is led more slowly steps lower."""
+GROUND = 0.2
+"""Metres from the ground point of a start to the nearest surface beyond which it hangs in the air."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A task made concrete: read, planned and checked.
+
+    Attributes:
+        task: what it was made from.
+        scene, body, context, objective: what goals look at, and the goals, those of `walk` first.
+        start: rigid transform of the canonical motion, world metres and radians.
+        seconds: length.
+        path: the planned walk, ``[P, 3]`` world metres at floor height, or None.
+    """
+
+    task: TaskTable
+    scene: Scene
+    body: ProxyBody
+    context: Context
+    objective: Objective
+    start: Pose2D
+    seconds: float
+    path: np.ndarray | None
+
+
+def plan(
+    task: TaskTable,
+    seed: int | None = None,
+    start: Pose2D | None = None,
+    scene: Scene | None = None,
+    spec: Spec | None = None,
+) -> Setup:
+    """Everything a generator needs, checked; see `Task.build`."""
+    scene = task.load_scene() if scene is None else scene
+    spec = task.generator.family.spec if spec is None else spec
+    body = task.load_body()
+    context = Context(scene, body)
+    rng = np.random.default_rng(task.seed if seed is None else seed)
+    area = None if task.walk is None else free_area(scene, task.walk.radius, task.walk.height)
+    place = _place(task, scene, area, rng, spec.window) if start is None else start.position
+    _check_standing(scene, place, body)
+    path = None if task.walk is None or area is None else _path(task.walk, area, place)
+    seconds = _seconds(task, path, spec)
+    if start is None:
+        start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), _heading(task, path))
+    walk = [] if task.walk is None or path is None else task.walk.terms(path, seconds, spec.fps)
+    objective = Objective((*walk, *task.terms))
+    objective.check(context, seconds, spec.fps)
+    return Setup(task, scene, body, context, objective, start, seconds, path)
+
+
+def _place(
+    task: TaskTable, scene: Scene, area: FreeArea | None, rng: np.random.Generator, window: float
+) -> tuple[float, float, float]:
+    """Ground point of the start: stated, sampled, or the origin."""
+    ground = scene.floor.height
+    if isinstance(task.start, Start):
+        p = task.start.position
+        return (p[0], ground, p[1]) if len(p) == 2 else (p[0], p[1], p[2])
+    if task.start is None and not (scene.meshes or scene.primitives or scene.objects):
+        return 0.0, ground, 0.0
+    area = free_area(scene) if area is None else area
+    if task.walk is None:
+        x, z = area.sample(1, rng, 0.4)[0]
+        return float(x), ground, float(z)
+    for x, z in area.sample(64, rng, task.walk.radius):
+        try:
+            length = path_length(task.walk.path(area, (float(x), float(z))))
+        except UserError:
+            if not area.contains(np.asarray(task.walk.to), task.walk.radius):
+                raise  # the target itself is the trouble, no start will help
+            continue
+        if 1.0 <= length <= 0.75 * FASTEST_WALK * min(task.seconds or window, window):
+            return float(x), ground, float(z)
+    raise UserError(f"no free start from which {_at(task.walk.to)} can be walked to was found; state 'start'")
+
+
+def _path(walk: Walk, area: FreeArea, place: tuple[float, float, float]) -> np.ndarray:
+    try:
+        return walk.path(area, (place[0], place[2]))
+    except UserError as error:
+        raise UserError(f"walk: {error}") from error
+
+
+def _heading(task: TaskTable, path: np.ndarray | None) -> float:
+    if isinstance(task.start, Start) and task.start.heading is not None:
+        return task.start.heading
+    return 0.0 if path is None else heading_along(path)
+
+
+def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
+    if path is None:
+        assert task.seconds is not None
+        return task.seconds
+    length = path_length(path)
+    if task.seconds is None:
+        seconds = max(round(length / PACE, 1), spec.shortest)
+        if seconds > spec.longest:
+            raise UserError(
+                f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} "
+                "s at most; give a nearer target"
+            )
+        return seconds
+    arrive = task.walk.arrive if task.walk is not None and task.walk.arrive is not None else task.seconds
+    if not 0 < arrive <= task.seconds:
+        raise UserError(f"walk: 'arrive' is {arrive:g} s; give a time within the {task.seconds:g} s of the task")
+    if length > FASTEST_WALK * arrive:
+        raise UserError(
+            f"walk: the path is {length:.1f} m long, too far to walk in {arrive:g} s "
+            f"({length / arrive:.1f} m/s); give more seconds or a nearer target"
+        )
+    return task.seconds
+
+
+def heading_along(path: np.ndarray) -> float:
+    """Direction (rad about +y) of the first 0.3 m of a polyline ``[P, 3]``; 0 when it has no length."""
+    here = path[0]
+    ahead = next((p for p in path if math.hypot(p[0] - here[0], p[2] - here[2]) >= 0.3), path[-1])
+    dx, dz = float(ahead[0] - here[0]), float(ahead[2] - here[2])
+    return math.atan2(dx, dz) if (dx, dz) != (0.0, 0.0) else 0.0
+
+
+def start_of(motion: Motion, body: ProxyBody = DEFAULT_BODY) -> Pose2D:
+    """Where one finished motion stood at its first frame, ``[T, J, 3]``: for scoring it."""
+    joints = motion.joints[0]
+    names = motion.skeleton
+    across = sum(
+        (joints[names.index(f"left_{part}")] - joints[names.index(f"right_{part}")] for part in ("hip", "shoulder")),
+        start=torch.zeros(3),
+    )
+    x, _, z = motion.joint("pelvis")[0].tolist()
+    y = float(motion.select(("left_foot", "right_foot"))[0, :, 1].min()) - body.sole_offset
+    return Pose2D((x, y, z), math.atan2(-float(across[2]), float(across[0])))
+
+
+def _check_standing(scene: Scene, place: tuple[float, float, float], body: ProxyBody) -> None:
+    """A person upright at the start must not be inside anything."""
+    x, y, z = place
+    low, high = np.asarray(scene.bounds)
+    if not (low[0] - 0.5 <= x <= high[0] + 0.5 and low[2] - 0.5 <= z <= high[2] + 0.5):
+        raise UserError(
+            f"start {_at((x, z))} lies outside the scene, which spans x {low[0]:.2f} to {high[0]:.2f} and "
+            f"z {low[2]:.2f} to {high[2]:.2f} m"
+        )
+    heights = torch.linspace(0.35, 1.5, 8)
+    column = torch.stack([torch.full_like(heights, x), y + heights, torch.full_like(heights, z)], dim=-1)
+    clearance = scene.distance(column, torch.zeros(len(heights)))
+    ground = float(scene.distance(torch.tensor([[x, y, z]]), torch.zeros(1)))
+    if ground > GROUND:
+        raise UserError(f"start {_at(place)} has nothing to stand on: the nearest surface is {ground:.2f} m away")
+    worst = int(clearance.argmin())
+    if float(clearance[worst]) < 0.12:
+        raise UserError(
+            f"start {_at((x, z))} is inside or against an obstacle (clearance {float(clearance[worst]):.2f} m at "
+            f'height {float(heights[worst]):.1f} m); move it, or use start = "sample"'
+        )
+
+
+def _at(place: Sequence[float]) -> str:
+    return "[" + ", ".join(f"{float(value):.2f}" for value in place) + "]"

@@ -1,0 +1,56 @@
+"""Tasks: a prompt, a scene, a start and goals, from a TOML file or from Python."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from scenectl.generators.spec import Spec
+from scenectl.tasks.schema import TaskTable, known_keys
+from scenectl.tasks.setup import Setup, plan
+from scenes.errors import UserError, did_you_mean
+from scenes.motion.motion import Pose2D
+from scenes.world.scene import Scene
+
+
+class Task(TaskTable):
+    """What shall happen; see `TaskTable` for the keys of a task file."""
+
+    def build(
+        self,
+        seed: int | None = None,
+        start: Pose2D | None = None,
+        scene: Scene | None = None,
+        spec: Spec | None = None,
+    ) -> Setup:
+        """Everything a generator needs, checked; raises UserError for what cannot be right.
+
+        Args:
+            seed: of the sampled start, by default the task's.
+            start: instead of the task's own, as when a finished motion is scored.
+            scene: instead of reading it again.
+            spec: of the generator, where it is not the one that the task names.
+        """
+        return plan(self, seed, start, scene, spec)
+
+
+def load_task(path: str | Path) -> Task:
+    """Read a task file; raises UserError naming the file for anything that is wrong in it."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise UserError(f"task file '{path}' does not exist") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"task file '{path}' cannot be read as text ({error})") from error
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"task file '{path}' is not valid TOML: {error}") from error
+    try:
+        for key in ("folder", "goals"):  # names for Python; in a file the one is implied and the other [[goal]]
+            if key in table:
+                raise UserError(f"unknown key '{key}'{did_you_mean(key, known_keys(Task))}")
+        return Task(**table, folder=path.resolve().parent)
+    except UserError as error:
+        raise UserError(f"task file '{path}': {error}") from error
