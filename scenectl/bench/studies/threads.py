@@ -135,14 +135,14 @@ def work() -> None:
     import torch
 
     from scenectl.pipeline.run import load_task_generator, run
-    from scenectl.tasks.schema import load_task
+    from scenectl.tasks.task import load_task
     from scenectl.threads import threads
 
     task, samples, number = load_task(sys.argv[1]), json.loads(sys.argv[2]), json.loads(sys.argv[3])
-    problem, generator = task.build(), load_task_generator(task)
+    setup, generator = task.build(), load_task_generator(task)
     with threads(number or torch.get_num_threads()) as used:
         for _ in sys.stdin:
-            result = run(task, samples, generator=generator, problem=problem)
+            result = run(task, samples, generator=generator, setup=setup)
             print(json.dumps({"seconds": result.report["timing"]["generate_s"], "threads": used}), flush=True)
 
 
