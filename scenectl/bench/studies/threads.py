@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from scenectl.generators.base import Progress
+from scenectl.tasks.task import load_task
 from scenes.errors import UserError
 
 SETTLE = 0.5
@@ -53,6 +54,7 @@ def bench_threads(
         their ratio. Raises UserError for a task that cannot be run.
     """
     tell, cores = progress or (lambda what, done: None), len(os.sched_getaffinity(0))
+    load_task(task)  # what is wrong with it is told here
     quiet, busy = "on a quiet machine", f"beside {cores} busy processes"
     with ExitStack() as stack:
         workers = {name: stack.enter_context(_worker(task, samples, *SETTINGS[name])) for name in SETTINGS}
@@ -135,7 +137,6 @@ def work() -> None:
     import torch
 
     from scenectl.pipeline.run import load_task_generator, run
-    from scenectl.tasks.task import load_task
     from scenectl.threads import threads
 
     task, samples, number = load_task(sys.argv[1]), json.loads(sys.argv[2]), json.loads(sys.argv[3])
