@@ -30,7 +30,7 @@ class EvaluatorTraining(BaseModel):
     Attributes:
         contrastive, kinds: length and speed of each.
         shortest: share of a clip that a training sample shows at least.
-        noise: standard deviation added to normalised features: few clips are easily learnt by heart.
+        noise: standard deviation added to normalised features: without it the networks overfit on few clips.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -164,7 +164,7 @@ class Run(Generic[R]):
         return load_clips(self.data, splits, augmentation, self.cache, recipe.seed, recipe.commercial_only)
 
     def encoder(self, device: str | None = None) -> TextEncoder:
-        """The text encoder, on the run's device or another; raises UserError where networks want another width."""
+        """The text encoder, on the run's device or another; raises UserError where networks take another width."""
         assert self.plan.text is not None
         name, width = (self.recipe.value(key) for key in self.plan.text)
         encoder = load_text_encoder(name, device or self.where.device.type)
