@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -276,7 +277,10 @@ def test_surfaces_face_outwards() -> None:
         across = np.cross(b - a, c - a)
         outward = (across * hull.normals[hull.faces].mean(axis=1)).sum(-1)
         assert (outward[np.linalg.norm(across, axis=1) > 1e-9] > 0).all()
-    assert np.linalg.norm(tube(way, 0.1).points.reshape(4, -1, 3) - way[:, None], axis=-1) == pytest.approx(0.1)
+    rings = tube(way, 0.1).points.reshape(4, -1, 3)
+    for k, (here, there) in enumerate(pairwise(way)):  # as thick along every leg
+        along = (there - here) / np.linalg.norm(there - here)
+        assert np.linalg.norm(np.cross(rings[k : k + 2] - here, along), axis=-1) == pytest.approx(0.1)
 
 
 def test_scales_run_from_their_first_colour_to_their_last() -> None:
