@@ -24,8 +24,7 @@ from torch.nn.utils.rnn import pack_padded_sequence, pad_sequence
 
 from scenectl.data.features import CONTACTS, FEATURES, GROUPS, POSITIONS, ROTATIONS, VELOCITIES
 from scenectl.evaluation.guo_text import CLASSES, WORD, Vocabulary, read_array, read_tagged, tokens_of
-from scenectl.evaluation.motions import STRIDE, Padded
-from scenectl.generators.mscot.schedule import MAX_FRAMES
+from scenectl.evaluation.motions import LONGEST, STRIDE, Padded
 from scenes.errors import UserError
 
 PARTS = ("movement_encoder", "motion_encoder", "text_encoder")
@@ -124,9 +123,9 @@ class GuoEvaluator:
         return torch.cat([self._motions(motions[i : i + 64]) for i in range(0, len(motions), 64)])
 
     def _motions(self, motions: Sequence[Float[Tensor, "_T 263"]]) -> Float[Tensor, "B 512"]:
-        batch = Padded.of(motions, MAX_FRAMES)
+        batch = Padded.of(motions, LONGEST)
         rows = (batch.features - self.mean) / self.std * batch.mask(1)[..., None]
-        rows = F.pad(rows, (0, 0, 0, MAX_FRAMES - rows.shape[1]))
+        rows = F.pad(rows, (0, 0, 0, LONGEST - rows.shape[1]))
         out: Tensor = self.network.motion_encoder(self.network.movement_encoder(rows), batch.lengths // STRIDE)
         return out
 

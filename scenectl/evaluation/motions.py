@@ -15,6 +15,11 @@ from scenectl.data.features import FEATURES
 
 STRIDE = 4
 """Frames behind one step of the encoder's output; lengths are cut to multiples of it."""
+LONGEST = 196
+"""Frames of HumanML3D's longest motions; evaluators read no more."""
+
+SHORTEST, LONGEST = 36, 196
+"""Frames of the motions that evaluations look at; longer ones are cut (HumanML3D's evaluators know up to 196)."""
 
 
 @dataclass(frozen=True)
@@ -30,15 +35,15 @@ class Padded:
     lengths: Int[Tensor, " B"]
 
     @classmethod
-    def of(cls, clips: Sequence[Float[Tensor, "_T 263"]], longest: int = 196) -> Padded:
+    def of(cls, clips: Sequence[Float[Tensor, "_T 263"]], longest: int = LONGEST) -> Padded:
         """Clips of any lengths from `STRIDE` frames on, cut to `longest` and to a multiple of `STRIDE`."""
         cut = [clip[: min(len(clip), longest) // STRIDE * STRIDE] for clip in clips]
-        lengths = torch.tensor([len(clip) for clip in cut])
+        lengths = torch.tensor([len(clip) for clip in cut], device=cut[0].device)
         return cls(nn.utils.rnn.pad_sequence(cut, batch_first=True), lengths)
 
     def mask(self, step: int) -> Bool[Tensor, "B N"]:
         """True where a row at every `step`-th frame is real."""
-        return torch.arange(self.features.shape[1] // step) < self.lengths[:, None] // step
+        return torch.arange(self.features.shape[1] // step, device=self.lengths.device) < self.lengths[:, None] // step
 
 
 class EncoderConfig(BaseModel):

@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from scenectl.data.clips import ClipSet
 from scenectl.data.features import FPS, features_to_joints, joints_to_features
 from scenectl.evaluation.motions import STRIDE
-from scenectl.generators import Generator, Progress
-from scenectl.generators.mscot.networks.tokenizer import Tokenizer
-from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
-from scenectl.training.dataset import Windows
+from scenectl.generators.base import Generator, Progress, silent
+from scenectl.generators.spec import Spec
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
+
+
+@runtime_checkable
+class Tokenised(Protocol):
+    """A generator of tokens, which can also write motions as tokens and read tokens without a sentence."""
+
+    def round_trip(self, features: Float[Tensor, "C T 263"]) -> Float[Tensor, "C T 263"]:
+        """Raw features after a round trip through tokens: the best that these tokens can do; T a multiple of four."""
+        ...
+
+    def babble(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
+        """Raw features of tokens drawn uniformly: what a generator makes that has learnt nothing."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -24,7 +38,7 @@ class HeldOut:
     """What is asked of a generator: a caption and a length for each test clip, and the clip itself.
 
     Attributes:
-        features: raw features of each clip, cut to 196 frames and to a multiple of four.
+        features: raw features of each clip, cut to what a generator makes at once and to a multiple of four.
         captions: one of each clip's.
         kinds: kind of motion of each.
     """
@@ -34,20 +48,21 @@ class HeldOut:
     kinds: list[str]
 
     @classmethod
-    def of(cls, windows: Windows, seed: int, most: int | None = None) -> HeldOut:
-        """All clips of at least 36 frames, or `most` of them at random.
+    def of(cls, windows: ClipSet, spec: Spec, seed: int, most: int | None = None) -> HeldOut:
+        """All clips that are as long as a generator's shortest motion, or `most` of them at random.
 
         Raises:
             UserError: there is no such clip.
         """
         draw = torch.Generator().manual_seed(seed)
         order = torch.randperm(len(windows.ids), generator=draw).tolist()
-        chosen = sorted([i for i in order if int(windows.lengths[i]) >= MIN_FRAMES][:most])
+        shortest, longest = math.ceil(spec.shortest * FPS), round(spec.window * FPS)
+        chosen = sorted([i for i in order if int(windows.lengths[i]) >= shortest][:most])
         if not chosen:
-            raise UserError(f"no test clip has {MIN_FRAMES} frames; evaluate on a folder with longer ones")
+            raise UserError(f"no test clip has {shortest} frames; evaluate on a folder with longer ones")
         features, captions = [], []
         for i in chosen:
-            frames = min(int(windows.lengths[i]), MAX_FRAMES) // STRIDE * STRIDE
+            frames = min(int(windows.lengths[i]), longest) // STRIDE * STRIDE
             features.append(windows.features[windows.starts[i] :][:frames])
             captions.append(windows.captions[i][int(torch.randint(len(windows.captions[i]), (), generator=draw))])
         return cls(features, captions, [windows.groups[i] for i in chosen])
@@ -87,31 +102,27 @@ def real(clips: HeldOut) -> MotionSet:
 
 
 @torch.no_grad()
-def reconstructed(clips: HeldOut, tokenizer: Tokenizer) -> MotionSet:
+def reconstructed(clips: HeldOut, generator: Tokenised) -> MotionSet:
     """The clips after a round trip through tokens."""
     return MotionSet.of(
-        "reconstruction",
-        [features_to_joints(tokenizer.decode(tokenizer.encode(f[None])))[0] for f in clips.features],
+        "reconstruction", [features_to_joints(generator.round_trip(f[None]))[0] for f in clips.features]
     )
 
 
 @torch.no_grad()
-def of_random_tokens(clips: HeldOut, tokenizer: Tokenizer, seed: int) -> MotionSet:
-    """Motions of tokens drawn uniformly: what a generator that has learnt nothing makes."""
+def of_random_tokens(clips: HeldOut, generator: Tokenised, seed: int) -> MotionSet:
+    """Motions of tokens drawn uniformly, as long as the clips."""
     draw = torch.Generator().manual_seed(seed)
-    joints = []
-    for features in clips.features:
-        lengths = tokenizer.quantiser.lengths(len(features) // STRIDE)
-        tokens = [torch.randint(tokenizer.config.codes, (1, n), generator=draw) for n in lengths]
-        joints.append(features_to_joints(tokenizer.decode(tokens))[0])
-    return MotionSet.of("random tokens", joints)
+    return MotionSet.of(
+        "random tokens", [features_to_joints(generator.babble(len(f), draw))[0] for f in clips.features]
+    )
 
 
-def generated(clips: HeldOut, generator: Generator, seed: int, tell: Progress) -> MotionSet:
+def generated(clips: HeldOut, generator: Generator, seed: int, progress: Progress = silent) -> MotionSet:
     """One motion for each clip, from its caption and of its length."""
     joints = []
     for i, (features, caption) in enumerate(zip(clips.features, clips.captions, strict=True)):
-        tell("generating", i / len(clips.features))
+        progress("generating", i / len(clips.features))
         made = generator.generate(caption, len(features) / FPS, Pose2D(), seed=seed + i)
         joints.append(made.motion.joints[0])
     return MotionSet.of("generated", joints)

@@ -25,7 +25,8 @@ from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
 from scenes.validation import sentence
-from scenes.world.floor import FreeArea, path_length, resample
+from scenes.world.floor.planning import FreeArea
+from scenes.world.floor.polyline import path_length, resample
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
@@ -121,10 +122,10 @@ class SceneSpec(_Table):
             given = self.model_fields_set & {"unit", "up", "floor", "free_space"}
             if given:
                 raise UserError(f"scene: '{min(given)}' is known for the bundled scene '{self.bundled}'; leave it out")
-            return bundled(self.bundled, self.resolution, shapes, **more)
+            return bundled(self.bundled, shapes, resolution=self.resolution, **more)
         if self.file is not None:
-            told = (self.unit, self.up, self.floor, self.resolution, self.free_space)
-            return load_scene(self.file, *told, primitives=shapes, **more)
+            more |= {"resolution": self.resolution, "free_space": self.free_space}
+            return load_scene(self.file, self.unit, self.up, self.floor, shapes, **more)
         name = "primitives" if shapes else "objects" if objects else "empty"
         return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects)
 
@@ -229,10 +230,7 @@ class GeneratorSpec(_Table):
         try:
             return model.model_validate({key: value for key, value in given.items() if value is not None})
         except ValidationError as error:
-            first = error.errors()[0]
-            what = ".".join(map(str, first["loc"]))
-            message = first["msg"][:1].lower() + first["msg"][1:]
-            raise UserError(f"'generator.{what}' is {first['input']!r}: {message}") from error
+            raise UserError(f"[generator]: {sentence(error, given, model)}") from error
 
 
 class TaskTable(_Table):

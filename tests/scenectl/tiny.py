@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenectl.generators.base import Draft, Guide, Price, Progress
@@ -46,9 +46,20 @@ class TinyStep:
     def at(self, value: Float[Tensor, "S T 2"]) -> TinyStep:
         return TinyStep(value, self.start)
 
+    def take(self, samples: Int[Tensor, " s"]) -> TinyStep:
+        return TinyStep(self.value[samples], self.start)
+
     @property
     def motion(self) -> Motion:
         return self.decode(self.value)
+
+    @property
+    def price(self) -> Price:
+        return Price(product=1.0, row=1.0)
+
+    @property
+    def unit(self) -> float:
+        return 1.0
 
     def jvp(self, tangent: Float[Tensor, "S T 2"]) -> Float[Tensor, "S T J 3"]:
         return torch.func.jvp(lambda value: self.decode(value).joints, (self.value,), (tangent,))[1]

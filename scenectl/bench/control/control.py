@@ -5,20 +5,27 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from objectives import Term
-from scenectl.bench.control.keyframes import DENSITIES, FAILED, FLOOR, JOINTS, SHORTEST, Keyframes, usable_clips
-from scenectl.bench.control.rivals import METHODS, Case, Remembered, ways
-from scenectl.control.refine.natural import bone_errors
+from scenectl.bench.control.keyframes import (
+    DENSITIES,
+    FAILED,
+    FLOOR,
+    JOINTS,
+    SHORTEST,
+    Keyframes,
+    longest,
+    usable_clips,
+)
+from scenectl.bench.control.rivals import METHODS, Case, remembering, ways
+from scenectl.control.refine.body_costs import bone_errors
 from scenectl.data.corpus import Clip
-from scenectl.generators.base import Progress
-from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.schedule import MAX_FRAMES
+from scenectl.generators.base import Generator, Progress, silent
+from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
@@ -39,7 +46,7 @@ Row = dict[str, Any]
 
 
 def bench_control(
-    generator: MSCoT,
+    generator: Generator,
     data: str | Path,
     clips: int = 2,
     methods: Sequence[str] = METHODS,
@@ -48,7 +55,7 @@ def bench_control(
     scenes: Sequence[str] = ("empty",),
     shortest: int = SHORTEST,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Every method on every case, in turn, at batch 1; texts are encoded before the clock starts.
 
@@ -76,36 +83,41 @@ def bench_control(
         for name in given:
             if name not in known:
                 raise UserError(f"unknown '{name}'{did_you_mean(name, known)}")
-    tell = progress or (lambda what, done: None)
-    generator = MSCoT(replace(generator.bundle, text=Remembered(generator.bundle.text)), generator.sampling)
-    usable = usable_clips(data, shortest)
-    cases = [case for scene in scenes for case in _cases(usable, clips, joints, densities, scene, seed)]
-    chosen = ways(generator, cases, methods, tell)
+    generator, spec = remembering(generator), generator.spec
+    usable = usable_clips(data, spec, shortest)
+    cases = [case for scene in scenes for case in _cases(usable, spec, clips, joints, densities, scene, seed)]
+    chosen = ways(generator, cases, methods, progress)
     rows = []
     for i, case in enumerate(cases):
-        tell(f"{case.keyframes.joint} {case.density}", i / len(cases))
-        free = case.keyframes.generate(generator, None).motion
+        progress(f"{case.keyframes.joint} {case.density}", i / len(cases))
+        free = case.keyframes.drafted(generator).motion
         scorer = Scorer(case.scene)
         rows.append(
             _row("uncontrolled", case, free, free, scorer) | {"seconds": 0.0, "refine_seconds": 0.0, "passes": 0}
         )
         for name, way in chosen.items():
             began = time.perf_counter()
-            made, refining, passes = way(case)
-            cost = {"seconds": time.perf_counter() - began, "refine_seconds": refining, "passes": passes}
-            rows.append(_row(name, case, made.motion, made.unrefined or made.motion, scorer) | cost)
-    return {"summary": _summary(rows, methods), "rows": rows}
+            made = way(case)
+            cost = {"seconds": time.perf_counter() - began, "refine_seconds": made.seconds, "passes": made.passes}
+            rows.append(_row(name, case, made.motion, made.unrefined, scorer) | cost)
+    return {"summary": _summary(rows, methods, longest(spec)), "rows": rows}
 
 
 def _cases(
-    usable: Sequence[Clip], clips: int, joints: Sequence[str], densities: Sequence[str], scene: str, seed: int
+    usable: Sequence[Clip],
+    spec: Spec,
+    clips: int,
+    joints: Sequence[str],
+    densities: Sequence[str],
+    scene: str,
+    seed: int,
 ) -> Iterator[Case]:
     draw = torch.Generator().manual_seed(seed)
     place = _between_pillars if scene == "pillars" else _on_floor
     for joint in joints:
         for density in densities:
             for i in torch.randperm(len(usable), generator=draw)[:clips].tolist():
-                asked = Keyframes.drawn(usable[i], joint, DENSITIES[density], draw, seed + i)
+                asked = Keyframes.drawn(usable[i], spec, joint, DENSITIES[density], draw, seed + i)
                 yield place(asked, density)
 
 
@@ -154,7 +166,7 @@ def _row(method: str, case: Case, motion: Motion, before: Motion, scorer: Scorer
 _MEDIANS = ("seconds", "refine_seconds", "passes")
 
 
-def _summary(rows: Sequence[Row], methods: Sequence[str]) -> dict[str, Any]:
+def _summary(rows: Sequence[Row], methods: Sequence[str], most: int) -> dict[str, Any]:
     figures = [key for key, value in rows[0].items() if isinstance(value, float | int) and key != "frames"]
     found: dict[str, Any] = {"motions": sum(row["method"] == "uncontrolled" for row in rows)}
     for method in ("uncontrolled", *methods):
@@ -162,8 +174,8 @@ def _summary(rows: Sequence[Row], methods: Sequence[str]) -> dict[str, Any]:
         for key in figures:
             found[f"{method}_{key}"] = _middle(key, [row[key] for row in mine])
         for key in ("seconds", "refine_seconds"):  # timings are quoted for the longest motions
-            if long := [row[key] for row in mine if row["frames"] == MAX_FRAMES]:
-                found[f"{method}_{key}_at_{MAX_FRAMES}"] = statistics.median(long)
+            if long := [row[key] for row in mine if row["frames"] == most]:
+                found[f"{method}_{key}_at_{most}"] = statistics.median(long)
         for density in dict.fromkeys(row["density"] for row in mine):
             some = [row["average_error_m"] for row in mine if row["density"] == density]
             found[f"{method}_average_error_m_at_{density}"] = statistics.fmean(some)

@@ -15,13 +15,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Objective, Term, diagnosis
-from scenectl.bench.control.keyframes import ON_FLOOR, usable_clips
-from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.control.refine.natural import LIFT, STRETCH, Natural, bone_errors
+from scenectl.bench.control.keyframes import ON_FLOOR, longest, usable_clips
+from scenectl.control import SolverSettings
+from scenectl.control.refine.body_costs import BodyCosts, bone_errors
+from scenectl.control.thresholds import THRESHOLDS
 from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generator, Progress
-from scenectl.generators.mscot.schedule import MAX_FRAMES
 from scenectl.measures.metrics import max_acceleration
+from scenectl.pipeline.generation import make
 from scenes.motion.motion import Motion, Pose2D
 
 KINDS = ("too high", "under the floor", "too far", "torn apart", "noisy")
@@ -69,13 +70,14 @@ def bench_implausible(
     """
     tell = progress or (lambda what, done: None)
     draw = torch.Generator().manual_seed(seed)
-    usable = [clip for clip in usable_clips(data) if clip.source == "bandai"] or usable_clips(data)
+    usable = usable_clips(data, generator.spec)
+    usable = [clip for clip in usable if clip.source == "bandai"] or usable
     rows: list[dict[str, Any]] = []
     for kind in KINDS:
         for number, i in enumerate(torch.randperm(len(usable), generator=draw)[:clips].tolist()):
             tell(kind, (len(rows) / 2) / (len(KINDS) * clips))
             clip = usable[i]
-            real = Motion(canonicalise(clip.joints[:MAX_FRAMES]))
+            real = Motion(canonicalise(clip.joints[: longest(generator.spec)]))
             ask = _asked(kind, real, draw)
             rows += _case(generator, kind, clip.captions[0], real, ask, seed + number)
     return {"summary": _summary(rows), "rows": rows}
@@ -106,25 +108,21 @@ def _term(name: str, joint: str, wanted: Float[Tensor, "K 3"], at: Tensor) -> Te
 
 
 def _case(generator: Generator, kind: str, prompt: str, real: Motion, ask: _Ask, seed: int) -> list[dict[str, Any]]:
-    def make(guide: ObjectiveGuide | None) -> Any:
-        return generator.generate(prompt, real.frames / FPS, Pose2D(), guide, 1, seed)
-
     objective = Objective(ask.terms)
-    free = make(None).motion
+    free = generator.generate(prompt, real.seconds, Pose2D(), seed=seed).motion
     rows = []
     for way, settings in (("natural", SolverSettings()), ("goals alone", SolverSettings(natural=False))):
-        guide = ObjectiveGuide(objective, ON_FLOOR, settings)
         began = time.perf_counter()
-        made = make(guide)
+        made = make(generator, prompt, real.seconds, Pose2D(), objective, ON_FLOOR, solver=settings, seed=seed)
         seconds = time.perf_counter() - began
-        assert made.unrefined is not None and guide.solution is not None
-        natural = Natural(objective, made.unrefined, ON_FLOOR)
+        assert made.unrefined is not None and made.solution is not None
+        natural = BodyCosts.beside(made.unrefined, objective, ON_FLOOR)
         sentence = diagnosis(objective, made.motion[0], ON_FLOOR) or ""
         rows.append({
             "kind": kind,
             "way": way,
             "frames": real.frames,
-            "ended": guide.solution.reasons[0],
+            "ended": made.solution.reasons[0],
             "bone_error_m": bone_errors(made.motion).mean().item(),
             "bone_error_free_m": bone_errors(free).mean().item(),
             "worst_frame_m": bone_errors(made.motion).amax().item(),
@@ -152,9 +150,9 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         found[way] = {
             "bone_error_above_free_m": max(row["bone_error_m"] - row["bone_error_free_m"] for row in mine),
             "worst_frame_above_free_m": max(row["worst_frame_m"] - row["worst_frame_free_m"] for row in mine),
-            "bone_error_kept": _share(mine, lambda r: r["bone_error_m"] - r["bone_error_free_m"] <= STRETCH),
+            "bone_error_kept": _share(mine, lambda r: r["bone_error_m"] - r["bone_error_free_m"] <= THRESHOLDS.stretch),
             "lift_m": max(row["lift_m"] for row in mine),
-            "feet_kept": _share(mine, lambda r: r["lift_m"] <= LIFT),
+            "feet_kept": _share(mine, lambda r: r["lift_m"] <= THRESHOLDS.lift),
             "named": _share(mine, lambda r: r["named"]),
             "median_seconds": statistics.median(row["seconds"] for row in mine),
         }

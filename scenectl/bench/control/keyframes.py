@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Mapping, Sequence
@@ -15,12 +16,13 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective, Term
-from scenectl.control import ObjectiveGuide, SolverSettings
+from scenectl.control import SolverSettings
 from scenectl.data.corpus import Clip, load_motions
 from scenectl.data.features import FPS, canonicalise
-from scenectl.generators.base import Generation, Generator, Guide, Progress
-from scenectl.generators.mscot.schedule import MAX_FRAMES
+from scenectl.generators.base import Draft, Generator, Guide, Progress
+from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenectl.pipeline.generation import Made, make
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
@@ -43,28 +45,32 @@ class Keyframes:
     """One joint of a recorded motion at some frames, to be met by a motion of the same caption and length.
 
     Attributes:
-        clip: the recording, of which the first 196 frames count.
+        clip: the recording.
+        frames: of it that count, from the first.
         joint: its name.
         at: the frames, in order.
         seed: of the motion.
     """
 
     clip: Clip
+    frames: int
     joint: str
     at: Int[Tensor, " K"]
     seed: int
 
     @classmethod
-    def drawn(cls, clip: Clip, joint: str, density: int | float, draw: torch.Generator, seed: int) -> Keyframes:
-        """At random frames: so many, or such a share of them where it is a float."""
-        frames = min(clip.frames, MAX_FRAMES)
+    def drawn(
+        cls, clip: Clip, spec: Spec, joint: str, density: int | float, draw: torch.Generator, seed: int
+    ) -> Keyframes:
+        """At random frames of what a generator makes at once: so many, or such a share of them where it is a float."""
+        frames = min(clip.frames, longest(spec))
         number = max(1, round(density * frames)) if isinstance(density, float) else density
-        return cls(clip, joint, torch.randperm(frames, generator=draw)[:number].sort().values, seed)
+        return cls(clip, frames, joint, torch.randperm(frames, generator=draw)[:number].sort().values, seed)
 
     @cached_property
     def real(self) -> Motion:
         """The recording, over the origin at first and facing +z."""
-        return Motion(canonicalise(self.clip.joints[:MAX_FRAMES]))
+        return Motion(canonicalise(self.clip.joints[: self.frames]))
 
     @property
     def wanted(self) -> Float[Tensor, "K 3"]:
@@ -76,24 +82,21 @@ class Keyframes:
         target = {"joint": self.joint, "position": self.wanted.tolist()}
         return Term("joint_target", target, tolerance=tolerance, at=[frame / FPS for frame in self.at.tolist()])
 
-    def guide(
-        self,
-        solver: SolverSettings,
-        tolerance: float = 0.002,
-        context: Context = ON_FLOOR,
-        besides: tuple[Term, ...] = (),
-    ) -> ObjectiveGuide:
-        """To the keyframes, and to what is asked for besides."""
-        return ObjectiveGuide(Objective((self.goal(tolerance), *besides)), context, solver)
+    def drafted(self, generator: Generator, guide: Guide | None = None) -> Draft:
+        """One motion by the recording's caption, and of its length."""
+        return generator.generate(self.clip.captions[0], self.real.seconds, Pose2D(), guide=guide, seed=self.seed)
 
-    def generate(self, generator: Generator, guide: Guide | None) -> Generation:
-        """One motion by the recording's caption."""
-        seconds = self.real.frames / FPS
-        return generator.generate(self.clip.captions[0], seconds, Pose2D(), guide, 1, self.seed)
+    def made(self, generator: Generator, solver: SolverSettings | None = None) -> Made:
+        """The same, led to the keyframes and refined."""
+        return make(
+            generator, self.clip.captions[0], self.real.seconds, Pose2D(), Objective((self.goal(0.002),)), ON_FLOOR,
+            solver=solver, seed=self.seed,
+        )  # fmt: skip
 
     def errors(self, motion: Motion) -> Float[Tensor, " K"]:
         """Distances (m) of one motion ``[1, T, J, 3]`` from the keyframes."""
-        return (motion[0].joint(self.joint)[self.at] - self.wanted).norm(dim=-1)
+        at = (self.at * (motion.fps / FPS)).round().long()
+        return (motion[0].joint(self.joint)[at] - self.wanted).norm(dim=-1)
 
 
 def bench_keyframes(
@@ -121,18 +124,27 @@ def bench_keyframes(
     """
     tell = progress or (lambda what, done: None)
     draw = torch.Generator().manual_seed(seed)
-    usable = usable_clips(data)
+    usable = usable_clips(data, generator.spec)
     rows = []
     for i, number in enumerate(chosen := torch.randperm(len(usable), generator=draw)[:clips].tolist()):
         joint = JOINTS[i % len(JOINTS)]
         tell(f"keyframes: {joint}", i / len(chosen))
-        asked = Keyframes.drawn(usable[number], joint, keyframes, draw, seed + i)
+        asked = Keyframes.drawn(usable[number], generator.spec, joint, keyframes, draw, seed + i)
         rows.append(_row(generator, asked, solver or SolverSettings()))
     return {"summary": {"clips": len(rows), "keyframes": keyframes, **_summary(rows)}, "rows": rows}
 
 
-def usable_clips(data: str | Path, shortest: int = SHORTEST) -> list[Clip]:
-    """Captioned test clips of so many frames or more; raises UserError where there is none."""
+def longest(spec: Spec) -> int:
+    """Frames of a recording that a generator can make at once."""
+    return round(spec.window * FPS)
+
+
+def usable_clips(data: str | Path, spec: Spec, shortest: int = SHORTEST) -> list[Clip]:
+    """Captioned test clips of so many frames or more, and no shorter than what a generator makes.
+
+    Raises UserError where there is none.
+    """
+    shortest = max(shortest, math.ceil(spec.shortest * FPS))
     usable = [clip for clip in load_motions(data, ("test",)) if clip.frames >= shortest and clip.captions]
     if not usable:
         raise UserError(f"'{data}' has no captioned test clip of {shortest} frames or more")
@@ -140,10 +152,9 @@ def usable_clips(data: str | Path, shortest: int = SHORTEST) -> list[Clip]:
 
 
 def _row(generator: Generator, asked: Keyframes, solver: SolverSettings) -> dict[str, Any]:
-    free = asked.generate(generator, None).motion
-    guide = asked.guide(solver)
+    free = asked.drafted(generator).motion
     began = time.perf_counter()
-    made = asked.generate(generator, guide)
+    made = asked.made(generator, solver)
     seconds = time.perf_counter() - began
     assert made.unrefined is not None
     error = asked.errors(made.motion)

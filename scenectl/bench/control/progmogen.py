@@ -24,12 +24,14 @@ import torch
 
 from objectives import Objective, Term
 from scenectl.bench.control.keyframes import ON_FLOOR
-from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
+from scenectl.control import GuidanceSettings, SolverSettings
 from scenectl.data.progmogen import FPS, HeadHeights, ProgMoGenPrompts, Prompt, load_progmogen
 from scenectl.generators.base import Generator, Progress
-from scenectl.measures.metrics import FEET, max_acceleration, skating_ratio
+from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenectl.pipeline.generation import make
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import FEET
 
 TASKS = ("hsi1", "hsi2", "hsi3")
 COUNTS: Mapping[str, int] = {"hsi1": 64, "hsi2": 32, "hsi3": 32}
@@ -186,12 +188,13 @@ class _Setup:
 
     def make(self, case: Case, control: bool) -> dict[str, Any]:
         """One motion, its figures and the seconds it took."""
-        guide = ObjectiveGuide(case.objective(), ON_FLOOR, self.solver, self.guidance) if control else None
+        objective = case.objective() if control else Objective(())
         began = time.perf_counter()
         # The same seed with and without control: the two differ by control alone.
-        made = self.generator.generate(
-            case.caption, case.frames / FPS, Pose2D(), guide, samples=1, seed=self.seed + case.index
-        )
+        made = make(
+            self.generator, case.caption, case.frames / FPS, Pose2D(), objective, ON_FLOOR,
+            solver=self.solver, guidance=self.guidance, seed=self.seed + case.index,
+        )  # fmt: skip
         seconds = time.perf_counter() - began
         return {"controlled": control, **score(case, made.motion[0]), "seconds": seconds}
 
@@ -225,8 +228,10 @@ def bench_progmogen(
     Raises:
         UserError: unreadable prompts, an unknown task, or a generator of another frame rate.
     """
-    if generator.fps != FPS:
-        raise UserError(f"ProgMoGen's tasks are at {FPS:g} fps; generator '{generator.name}' makes {generator.fps:g}")
+    if generator.spec.fps != FPS:
+        raise UserError(
+            f"ProgMoGen's tasks are at {FPS:g} fps; generator '{generator.name}' makes {generator.spec.fps:g}"
+        )
     given = prompts if isinstance(prompts, ProgMoGenPrompts) else load_progmogen(prompts)
     work = [case for task in tasks for case in cases(given, task, (counts or {}).get(task), padded)]
     setup = _Setup(generator, seed, solver or _SOLVER, guidance or GuidanceSettings())

@@ -13,15 +13,17 @@ import numpy as np
 import torch
 
 from scenectl.control import SolverSettings
-from scenectl.control.refine.natural import stretches
+from scenectl.control.refine.body_costs import stretches
 from scenectl.generators.base import Generator, Progress
+from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
-from scenectl.measures.metrics import path_length as way_over_floor
 from scenectl.pipeline.run import run
-from scenectl.tasks.schema import Start, Task, Walk
+from scenectl.tasks.schema import Start, Walk
+from scenectl.tasks.task import Task
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
-from scenes.world.floor import FreeArea, free_area, path_length
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length
 from scenes.world.scene import Scene, bundled, load_scene
 
 PROMPT = "a person walks forward"
@@ -150,10 +152,10 @@ def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[f
 
 def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
     assert task.walk is not None
-    problem = task.build(seed, scene=room.scene)
-    free = generator.generate(task.prompt, problem.seconds, problem.start, None, 1, seed).motion[0]
-    result = run(task, samples, seed, generator, None, problem, room.scorer)
-    motion, path = result.motion[0], result.problem.path
+    setup = task.build(seed, scene=room.scene, spec=generator.spec)
+    free = generator.generate(task.prompt, setup.seconds, setup.start, seed=seed).motion[0]
+    result = run(task, samples, seed, generator, setup=setup, scorer=room.scorer)
+    motion, path = result.motion[0], setup.path
     assert path is not None
     missed = _missed(motion, task.walk.to)
     figures = result.samples[0].metrics
@@ -163,7 +165,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "start": [float(path[0, 0]), float(path[0, 2])],
         "target": list(task.walk.to),
         "planned_path_m": path_length(path),
-        "seconds_of_motion": result.problem.seconds,
+        "seconds_of_motion": setup.seconds,
         "missed_m": missed,
         "reached": missed <= REACHED,
         "clean": depth <= DEEP,
@@ -177,7 +179,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
-        "uncontrolled_pace_m_per_s": float(way_over_floor(free)) * free.fps / (free.frames - 1),
+        "uncontrolled_pace_m_per_s": float(metrics.path_length(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
     }
 

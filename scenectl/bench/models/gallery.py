@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scenectl.data.corpus import load_motions
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
-from scenectl.generators import Generator, Progress
+from scenectl.generators.base import Generator, Progress
 from scenectl.measures.metrics import max_acceleration, path_length, skating_ratio
 from scenectl.view.strips import draw_strips
 from scenes.errors import UserError

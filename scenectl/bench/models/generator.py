@@ -12,7 +12,9 @@ from torch import Tensor
 
 from scenectl.bench.models.posterior import bench_posterior
 from scenectl.bench.models.tokenizer import bench_tokenizer
+from scenectl.data.clips import overlapping
 from scenectl.data.features import FPS
+from scenectl.data.sources import load_clips
 from scenectl.evaluation.evaluator import Evaluator
 from scenectl.evaluation.kinds import Confusion, KindClassifier
 from scenectl.evaluation.metrics import (
@@ -25,12 +27,11 @@ from scenectl.evaluation.metrics import (
     r_precision,
     repeated,
 )
-from scenectl.evaluation.sets import HeldOut, MotionSet, generated, of_random_tokens, real, reconstructed
-from scenectl.generators import Progress
+from scenectl.evaluation.sets import HeldOut, MotionSet, Tokenised, generated, of_random_tokens, real, reconstructed
+from scenectl.generators.base import Generator, Progress, silent
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.measures import code_use, least_use, overlapping
+from scenectl.generators.mscot.training.measures import code_use, least_use
 from scenectl.measures.plausibility import plausibility
-from scenectl.training.sources import windows
 from scenes.files import atomic_write
 from scenes.motion.motion import Pose2D
 from scenes.sdf.bake import default_cache
@@ -40,14 +41,14 @@ MULTIMODAL = (20, 10)
 
 
 def bench_generator(
-    generator: MSCoT,
+    generator: Generator,
     evaluator: Evaluator,
     classifier: KindClassifier,
     data: Path,
     clips: int | None = None,
     repeats: int = 20,
     seed: int = 0,
-    tell: Progress | None = None,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Evaluate a model on the test split.
 
@@ -62,23 +63,23 @@ def bench_generator(
         clips: at most so many test clips, by default all.
         repeats: of everything random.
         seed: of generated motions and draws.
-        tell: called with what is being done and the share done.
+        progress: called with what is being done and the fraction done.
 
     Returns:
-        ``{"summary", "rows", "evaluator", "kinds", "code_use", "reconstruction", "posterior"}``, a row for each set.
+        ``{"summary", "rows", "evaluator", "clips", "kinds"}``, a row for each set, and of MSCoT's tokens "code_use",
+        "reconstruction" and "posterior".
     """
-    tell = tell or (lambda what, done: None)
-    tokenizer, cache = generator.bundle.tokenizer, default_cache() / "windows"
-    test = HeldOut.of(windows(data, ["test"], None, cache, 0), seed, clips)
+    cache = default_cache() / "windows"
+    test = HeldOut.of(load_clips(data, ["test"], None, cache, 0), generator.spec, seed, clips)
     # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
     check_enough(len(test.captions))
     texts = evaluator.embed_texts(test.captions)
-    tell("reading motions", 0.0)
-    sets = [
-        real(test), reconstructed(test, tokenizer), of_random_tokens(test, tokenizer, seed),
-        generated(test, generator, seed, tell),
-    ]  # fmt: skip
-    tell("scoring", 0.0)
+    progress("reading motions", 0.0)
+    sets = [real(test)]
+    if isinstance(generator, Tokenised):
+        sets += [reconstructed(test, generator), of_random_tokens(test, generator, seed)]
+    sets.append(generated(test, generator, seed, progress))
+    progress("scoring", 0.0)
     points = [evaluator.embed_motions(s.features) for s in sets]
     rows = [_row(s, p, points[0], texts, repeats, seed) for s, p in zip(sets, points, strict=True)]
     rows[-1]["multimodality"] = _multimodality(generator, evaluator, test, seed)
@@ -86,15 +87,32 @@ def bench_generator(
     for row in rows:
         row["label_recall"] = confusion[str(row["set"])].macro_recall
     kinds = {name: _kinds(found) for name, found in confusion.items()}
-    reconstruction = bench_tokenizer(generator.bundle, data)
-    use = code_use(tokenizer, overlapping(windows(data, ["train"], None, cache, 0), 64))
-    posterior = bench_posterior(generator, seed=seed, progress=tell)
+    tokens = _tokens(generator, data, seed, progress) if isinstance(generator, MSCoT) else {}
     return {
-        "summary": _summary(rows, reconstruction["summary"], use, posterior["summary"], kinds["generated"]["worst"]),
+        "summary": _summary(rows, kinds["generated"]["worst"]) | tokens.pop("summary", {}),
         "rows": rows,
         "evaluator": evaluator.name,
         "clips": len(test.captions),
         "kinds": kinds,
+        **tokens,
+    }
+
+
+def _tokens(generator: MSCoT, data: Path, seed: int, progress: Progress) -> dict[str, Any]:
+    """What only a generator of tokens has: reconstruction, codes in use, and how good the guided posterior is."""
+    reconstruction = bench_tokenizer(generator, data)
+    train = load_clips(data, ["train"], None, default_cache() / "windows", 0)
+    use = code_use(generator.bundle.tokenizer, overlapping(train, 64))
+    posterior = bench_posterior(generator, seed=seed, progress=progress)
+    keys = (
+        "reconstruction_error_m", "reconstruction_error_other_m", "root_drift_m", "root_drift_other_m",
+    )  # fmt: skip
+    return {
+        "summary": {
+            **{key: reconstruction["summary"][key] for key in keys},
+            "code_use": least_use(use),
+            "posterior_kl": posterior["summary"]["kl_nats"],
+        },
         "code_use": use,
         "reconstruction": reconstruction["rows"],
         "posterior": posterior["rows"],
@@ -138,7 +156,7 @@ def _bootstrapped(points: Tensor, truth: Tensor, draw: torch.Generator) -> float
     return frechet_distance(a, b)
 
 
-def _multimodality(generator: MSCoT, evaluator: Evaluator, test: HeldOut, seed: int) -> float:
+def _multimodality(generator: Generator, evaluator: Evaluator, test: HeldOut, seed: int) -> float:
     """Spread of motions of the same prompt, over prompts that differ."""
     draw = torch.Generator().manual_seed(seed)
     prompts, samples = MULTIMODAL
@@ -164,33 +182,21 @@ def _kinds(found: Confusion) -> dict[str, Any]:
     }
 
 
-def _summary(
-    rows: Sequence[Mapping[str, Any]],
-    reconstruction: Mapping[str, Any],
-    use: Sequence[Mapping[str, float]],
-    posterior: Mapping[str, float],
-    worst: str | None,
-) -> dict[str, Any]:
-    truth, rebuilt, random, made = rows
+def _summary(rows: Sequence[Mapping[str, Any]], worst: str | None) -> dict[str, Any]:
+    by_name = {row["set"]: row for row in rows}
+    truth, made = by_name["real"], by_name["generated"]
     return {
-        "reconstruction_error_m": reconstruction["reconstruction_error_m"],
-        "reconstruction_error_other_m": reconstruction["reconstruction_error_other_m"],
-        "root_drift_m": reconstruction["root_drift_m"],
-        "root_drift_other_m": reconstruction["root_drift_other_m"],
-        "code_use": least_use(use),
         "skating_ratio": made["skating_ratio"],
         "skating_ratio_real": truth["skating_ratio"],
         "max_acceleration_m_per_frame2": made["max_acceleration_m_per_frame2"],
         "max_acceleration_real_m_per_frame2": truth["max_acceleration_m_per_frame2"],
         "fid": made["fid"],
-        "fid_reconstruction": rebuilt["fid"],
-        "fid_random_tokens": random["fid"],
+        **{f"fid_{name.replace(' ', '_')}": row["fid"] for name, row in by_name.items() if row not in (truth, made)},
         "r_precision_top3": made["r_precision_top3"],
         "r_precision_top3_real": truth["r_precision_top3"],
         "label_recall": made["label_recall"],
         "label_recall_real": truth["label_recall"],
         "worst_kind": worst,
-        "posterior_kl": posterior["kl_nats"],
     }
 
 

@@ -9,9 +9,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term
-from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.generators.base import Generator, Progress
-from scenectl.generators.mscot.sampling import MSCoT, Tilt, clipped, exact_tilt
+from scenectl.control import ObjectiveGuide
+from scenectl.generators.base import Generator, Guide, Progress, silent
+from scenectl.generators.mscot.posterior import Scale, clipped, exact_tilt, tilted
+from scenectl.generators.mscot.sampling import MSCoT
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
@@ -28,7 +29,7 @@ SECONDS = 3.2
 
 
 def bench_posterior(
-    generator: Generator, generations: int = 8, positions: int = 1, seed: int = 0, progress: Progress | None = None
+    generator: Generator, generations: int = 8, positions: int = 1, seed: int = 0, progress: Progress = silent
 ) -> dict[str, Any]:
     """Compare both posteriors at random positions of every scale, five pelvis keyframes being pursued.
 
@@ -53,22 +54,23 @@ def bench_posterior(
     """
     if not isinstance(generator, MSCoT):
         raise UserError(f"generator '{generator.name}' has no token posterior to compare")
-    tell = progress or (lambda what, done: None)
     draw = torch.Generator().manual_seed(seed)
     found: list[dict[str, float]] = []
+
+    def compared(scale: Scale, guide: Guide) -> Tensor:
+        length = scale.prior.shape[1]
+        for at in torch.randint(length, (positions,), generator=draw).tolist():
+            found.append({"scale": scale.k + 1.0, "positions": float(length), **_compare(scale, guide, at)})
+        return tilted(scale, guide)
+
     for i in range(generations):
-        tell("posteriors", i / generations)
+        progress("posteriors", i / generations)
         prompt = PROMPTS[i % len(PROMPTS)]
         guide = _keyframes(generator, prompt, seed + 1000 + i, draw)
 
-        def look(tilt: Tilt, guide: ObjectiveGuide = guide) -> None:
-            length = tilt.prior.shape[1]
-            for at in torch.randint(length, (positions,), generator=draw).tolist():
-                about = {"scale": float(tilt.k + 1), "positions": float(length)}
-                found.append({**about, **_compare(tilt, guide, at)})
-
-        observed = MSCoT(generator.bundle, generator.sampling, look)
-        observed.generate(prompt, SECONDS, Pose2D(), guide, 1, seed + i)
+        MSCoT(generator.bundle, generator.sampling, compared).generate(
+            prompt, SECONDS, Pose2D(), guide=guide, seed=seed + i
+        )
     rows = [_mean(found, k + 1) for k in range(generator.quantiser.scales)]
     total = sum(row["positions"] for row in rows)
     keys = ("kl_nats", "kl_unclipped_nats", "code_distance")
@@ -80,17 +82,17 @@ def _keyframes(generator: MSCoT, prompt: str, seed: int, draw: torch.Generator) 
     other = generator.generate(prompt, SECONDS, Pose2D(), seed=seed).motion.joints[0, :, 0]
     frames = 1 + torch.randperm(len(other) - 1, generator=draw)[:KEYFRAMES]
     terms = tuple(
-        Term("joint_target", {"joint": "pelvis", "position": other[frame].tolist()}, at=frame / generator.fps)
+        Term("joint_target", {"joint": "pelvis", "position": other[frame].tolist()}, at=frame / generator.spec.fps)
         for frame in frames.tolist()
     )
-    return ObjectiveGuide(Objective(terms), Context(Scene.empty(), DEFAULT_BODY), SolverSettings(iterations=0))
+    return ObjectiveGuide(Objective(terms), Context(Scene.empty(), DEFAULT_BODY))
 
 
 @torch.no_grad()
-def _compare(tilt: Tilt, guide: ObjectiveGuide, at: int) -> dict[str, float]:
-    prior, first = tilt.prior[:, at], tilt.first_order[:, at]
-    exact, nats = exact_tilt(tilt.step, guide, tilt.codes, at), tilt.nats[:, None]
-    distance = (tilt.codes - tilt.step.value[0, at]).norm(dim=-1).max()
+def _compare(scale: Scale, guide: Guide, at: int) -> dict[str, float]:
+    prior, first = scale.prior[:, at], scale.first_order(guide)[:, at]
+    exact, nats = exact_tilt(scale.step, guide, scale.codes, at), scale.nats[:, None]
+    distance = (scale.codes - scale.step.value[0, at]).norm(dim=-1).max()
     return {
         "kl_nats": _kl(prior + clipped(exact, nats), prior + clipped(first, nats)),
         "kl_unclipped_nats": _kl(prior + exact, prior + first),

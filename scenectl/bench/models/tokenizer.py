@@ -5,22 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from scenectl.generators.mscot.bundle import Bundle, load_bundle
-from scenectl.generators.mscot.training.tokenizer import reconstruction_error
-from scenectl.training.sources import windows
+from scenectl.data.sources import load_clips
+from scenectl.generators.base import Generator
+from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.generators.mscot.training.measures import round_trip
+from scenectl.training.errors import error_by_source
+from scenes.errors import UserError
 from scenes.sdf.bake import default_cache
 
 
-def bench_tokenizer(
-    weights: str | Path | Bundle, data: str | Path, frames: tuple[int, ...] = (64, 128, 196)
-) -> dict[str, Any]:
-    """Mean joint error (m) over the first frames of every test clip that is long enough, by source and length."""
-    tokenizer = (weights if isinstance(weights, Bundle) else load_bundle(weights)).tokenizer
-    test = windows(Path(data), ["test"], None, default_cache() / "windows", 0)
+def bench_tokenizer(generator: Generator, data: str | Path, frames: tuple[int, ...] = (64, 128, 196)) -> dict[str, Any]:
+    """Mean joint error (m) over the first frames of every test clip that is long enough, by source and length.
+
+    Raises UserError for a generator that has no tokenizer.
+    """
+    if not isinstance(generator, MSCoT):
+        raise UserError(f"generator '{generator.name}' has no tokenizer to measure")
+    tokenizer = generator.bundle.tokenizer
+    test = load_clips(Path(data), ["test"], None, default_cache() / "windows", 0)
     rows = [
         {"frames": length, "set": name, **figures}
         for length in frames
-        for name, figures in reconstruction_error(tokenizer, test, length).items()
+        for name, figures in error_by_source(round_trip(tokenizer), test, length).items()
     ]
     summary = {
         "reconstruction_error_m": _pick(rows, "bandai"),

@@ -22,10 +22,10 @@ from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
 from scenes.sdf.accuracy import Accuracy, Oracle
-from scenes.sdf.bake import check_resolution
 from scenes.sdf.free_space import Rule, decide
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
+from scenes.sdf.settings import check_resolution
 
 ACCURATE = 0.01
 """Voxels: a tool whose distances near the surface are worse is no measure of how fast one can be."""

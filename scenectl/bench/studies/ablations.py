@@ -9,6 +9,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,25 +22,27 @@ from torch import Tensor
 from scenectl.bench.control.keyframes import DENSITIES, FAILED, Keyframes, usable_clips
 from scenectl.bench.models.posterior import bench_posterior
 from scenectl.control import SolverSettings
+from scenectl.data.clips import beginnings
 from scenectl.data.corpus import Clip
 from scenectl.data.features import features_to_joints
 from scenectl.generators import load_generator
-from scenectl.generators.mscot.bundle import load_bundle
+from scenectl.generators.base import Generator
 from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.schedule import MAX_FRAMES
-from scenectl.generators.mscot.training.measures import beginnings
 from scenectl.generators.mscot.training.refiner import train_refiner
-from scenectl.generators.mscot.training.sweep import shortened, sweep, write_table
+from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
-from scenectl.training.command import Run
 from scenectl.training.placement import Placement, place
-from scenectl.training.recipe import Recipe, Variant, load_recipe
+from scenectl.training.recipe import Variant, load_recipe
+from scenectl.training.stages import Job, Run
+from scenectl.training.sweep import Measure, shortened, sweep, write_table
 
 Row = dict[str, Any]
 Tell = Callable[[str, float], None]
+
+WINDOW = MSCoT.spec.window_frames
 
 SCHEDULES = {
     3: (1, 8, 16),
@@ -90,8 +93,8 @@ class Bench:
     threads: int | None = None
 
     @cached_property
-    def recipe(self) -> Recipe:
-        return load_recipe(self.config)
+    def recipe(self) -> MSCoTRecipe:
+        return load_recipe(self.config, MSCoTRecipe)
 
     @cached_property
     def where(self) -> Placement:
@@ -100,12 +103,14 @@ class Bench:
     @cached_property
     def generator(self) -> MSCoT:
         """The finished weights behind the default sampling."""
-        return MSCoT(load_bundle(self.weights))
+        found = load_generator("mscot", self.weights)
+        assert isinstance(found, MSCoT)
+        return found
 
     @cached_property
     def test_clips(self) -> list[Clip]:
         """Captioned test clips of 64 frames or more, drawn with one seed."""
-        usable = usable_clips(self.data)
+        usable = usable_clips(self.data, MSCoT.spec)
         order = torch.randperm(len(usable), generator=torch.Generator().manual_seed(0)).tolist()
         return [usable[i] for i in order[: self.clips]]
 
@@ -113,11 +118,11 @@ class Bench:
         self,
         variants: Sequence[Variant],
         tell: Tell,
-        measure: Callable[[Run, Tokenizer], Mapping[str, Any]] | None = None,
+        measure: Measure | None = None,
     ) -> list[Row]:
         """Rows of small models."""
         models = self.out / "models"
-        return sweep(self.recipe, variants, self.data, models, self.iterations, self.where, tell, measure)
+        return sweep(TRAINING, self.recipe, variants, self.data, models, self.iterations, self.where, tell, measure)
 
 
 def bench_ablations(bench: Bench, names: Sequence[str], tell: Tell) -> list[Path]:
@@ -137,17 +142,15 @@ def adaptive(bench: Bench, tell: Tell) -> list[Path]:
         Variant(name="adaptive"),
         Variant(name="fixed-64", set={"tokenizer.frames": [64]}),
         # as many frames a step as the others
-        Variant(
-            name="fixed-196", set={"tokenizer.frames": [MAX_FRAMES], "tokenizer.loop.batch": batch * 64 // MAX_FRAMES}
-        ),
+        Variant(name="fixed-196", set={"tokenizer.frames": [WINDOW], "tokenizer.loop.batch": batch * 64 // WINDOW}),
     )
-    chunks = {"adaptive": None, "fixed-64": 64, "fixed-196": MAX_FRAMES}
+    chunks = {"adaptive": None, "fixed-64": 64, "fixed-196": WINDOW}
 
-    def by_length(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
+    def by_length(run: MSCoTRun) -> Mapping[str, Any]:
         chunk = chunks[next(name for name in chunks if run.out.name.startswith(f"{name}-"))]
-        test = run.windows(["test"], False)
+        test, tokenizer = run.clips(["test"], False), tokenizer_of(run)
         found: dict[str, float] = {}
-        for frames in (64, 128, MAX_FRAMES):
+        for frames in (64, 128, WINDOW):
             features = beginnings(test, frames)
             got, true = features_to_joints(in_chunks(tokenizer, features, chunk)), features_to_joints(features)
             found[f"clips_{frames}"] = len(features)
@@ -202,8 +205,8 @@ def normalised(bench: Bench, tell: Tell) -> list[Path]:
     ]
     control = _control_columns(bench)
 
-    def control_and_posterior(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
-        found = control(run, tokenizer)
+    def control_and_posterior(run: MSCoTRun) -> Mapping[str, Any]:
+        found = control(run)
         generator = load_generator("mscot", run.out / "weights")
         return {**found, **bench_posterior(generator, 2, positions=1)["summary"]}
 
@@ -229,12 +232,12 @@ def losses(bench: Bench, tell: Tell) -> list[Path]:
     return _table(bench, rows, "losses", "Residual losses of the tokenizer")
 
 
-def _control_columns(bench: Bench) -> Callable[[Run, Tokenizer], Mapping[str, Any]]:
+def _control_columns(bench: Bench) -> Measure:
     """Trains the other two networks and controls five pelvis keyframes with them."""
 
-    def control(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
-        run.refiner()
-        run.transformer()
+    def control(run: MSCoTRun) -> Mapping[str, Any]:
+        run.train("refiner")
+        run.train("transformer")
         run.export()
         return controlled(load_generator("mscot", run.out / "weights"), bench.test_clips, 5)
 
@@ -244,16 +247,16 @@ def _control_columns(bench: Bench) -> Callable[[Run, Tokenizer], Mapping[str, An
 def refiner(bench: Bench, tell: Tell) -> list[Path]:
     """Table 14: token refiners on the finished weights' tokenizer."""
     bundle, rows = bench.generator.bundle, []
-    recipe = shortened(bench.recipe, bench.iterations)
-    run = Run(recipe, bench.data, bench.out / "models", where=bench.where)
-    test = beginnings(run.windows(["test"], False), 64)
+    recipe = shortened(TRAINING, bench.recipe, bench.iterations)
+    run = Run(TRAINING, recipe, bench.data, bench.out / "models", where=bench.where)
+    test = beginnings(run.clips(["test"], False), 64)
     for i, (name, changes) in enumerate(REFINERS.items()):
         tell(name, i / len(REFINERS))
         config = RefinerConfig.model_validate({**recipe.model.refiner.model_dump(), **changes})
         folder = bench.out / "models" / f"refiner-{config.kind}-{config.layers}-{bench.iterations}"
-        tokenizer = load_bundle(bench.weights).tokenizer
-        data = run.windows(["train"], True)
-        loop = train_refiner(config, tokenizer, recipe.refiner, data, folder, recipe.seed, bench.where)
+        tokenizer = deepcopy(bundle.tokenizer)
+        data = run.clips(["train"], True).on(bench.where.device)
+        loop = train_refiner(config, tokenizer, recipe.refiner, Job(data, folder, recipe.seed, bench.where))
         trained = loop.averaged.cpu().eval().requires_grad_(False)
         assert isinstance(trained, Refiner)
         generator = MSCoT(replace(bundle, refiner=trained))
@@ -328,7 +331,11 @@ def densities(bench: Bench, tell: Tell) -> list[Path]:
 
 
 def controlled(
-    generator: Any, clips: Sequence[Clip], density: int | float, solver: SolverSettings | None = None, seed: int = 0
+    generator: Generator,
+    clips: Sequence[Clip],
+    density: int | float,
+    solver: SolverSettings | None = None,
+    seed: int = 0,
 ) -> dict[str, float]:
     """Pelvis keyframes of real clips, pursued with the clips' own captions.
 
@@ -346,10 +353,9 @@ def controlled(
     """
     draw, rows = torch.Generator().manual_seed(seed), []
     for i, clip in enumerate(clips):
-        asked = Keyframes.drawn(clip, "pelvis", density, draw, seed + i)
-        guide = asked.guide(solver or SolverSettings())
+        asked = Keyframes.drawn(clip, generator.spec, "pelvis", density, draw, seed + i)
         began = time.perf_counter()
-        made = asked.generate(generator, guide)
+        made = asked.made(generator, solver)
         seconds = time.perf_counter() - began
         before = made.motion if made.unrefined is None else made.unrefined
         error = asked.errors(made.motion)
@@ -359,7 +365,7 @@ def controlled(
                 "location_error": float((error > FAILED).float().mean()),
                 "guided_only_error_m": float(asked.errors(before).mean()),
                 "moved_m": float((made.motion.joints - before.joints).norm(dim=-1).mean()),
-                "passes": float(guide.solution.evaluations if guide.solution else 0),
+                "passes": float(made.solution.evaluations if made.solution else 0),
                 "skating_ratio": float(skating_ratio(made.motion[0])),
                 "skating_ratio_real": float(skating_ratio(asked.real)),
                 "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
@@ -375,9 +381,9 @@ def controlled(
 def figures(bench: Bench, tell: Tell) -> list[Path]:
     """Fig. 5 to 8: what the scales hold, what guidance does at each, which codes are used and which are tilted."""
     from scenectl.bench.studies.figures import draw_code_use, draw_scales, draw_spectrogram, draw_tilt, guided_scales
-    from scenectl.training.sources import windows
+    from scenectl.data.sources import load_clips
 
-    test = windows(bench.data, ["test"], None, bench.out / "models" / "data", 0)
+    test = load_clips(bench.data, ["test"], None, bench.out / "models" / "data", 0)
     generator = bench.generator
     tell("spectrogram", 0.0)
     spectrogram, use = bench.out / "spectrogram.png", bench.out / "code-use.png"

@@ -13,13 +13,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term
-from scenectl.control import ObjectiveGuide
+from scenectl.data.clips import ClipSet, beginnings
 from scenectl.data.features import FPS, features_to_joints
+from scenectl.generators.base import Guide
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
-from scenectl.generators.mscot.sampling import MSCoT, Tilt, clipped
-from scenectl.generators.mscot.schedule import MAX_FRAMES
-from scenectl.generators.mscot.training.measures import beginnings, code_use
-from scenectl.training.dataset import Windows
+from scenectl.generators.mscot.posterior import Scale, tilted
+from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.generators.mscot.training.measures import code_use
+from scenectl.pipeline.generation import make
 from scenectl.view.strips import draw_strips
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
@@ -35,7 +36,7 @@ _BLUE, _RED, _GREY = "#2f6fb0", "#c0392b", "#9a9a9a"
 
 
 @torch.no_grad()
-def draw_spectrogram(tokenizer: Tokenizer, test: Windows, png: Path) -> None:
+def draw_spectrogram(tokenizer: Tokenizer, test: ClipSet, png: Path) -> None:
     """Energy of joint velocities over time and frequency, decoded from ever more scales, beside the real clip (Fig. 5).
 
     The clip is the first of the split, four seconds long or more, whose caption speaks of walking or running.
@@ -88,18 +89,18 @@ def spectrogram(joints: Float[Tensor, "T J 3"]) -> Float[Tensor, "S H"]:
     return torch.fft.rfft(pieces * torch.hann_window(_SPAN)).abs().square().sum(1)
 
 
-def _travelling(test: Windows) -> tuple[str, Tensor]:
+def _travelling(test: ClipSet) -> tuple[str, Tensor]:
     long = [i for i, n in enumerate(test.lengths.tolist()) if n >= 80]
     if not long:
         raise UserError("no test clip of four seconds to draw a spectrogram of; add longer clips")
     moving = [i for i in long if any(word in test.captions[i][0] for word in ("walk", "run"))]
     clip = (moving or long)[0]
-    frames = min(int(test.lengths[clip]), MAX_FRAMES) // 4 * 4
+    frames = min(int(test.lengths[clip]), MSCoT.spec.window_frames) // 4 * 4
     start = int(test.starts[clip])
     return test.captions[clip][0], test.features[start : start + frames][None]
 
 
-def draw_code_use(tokenizer: Tokenizer, test: Windows, png: Path) -> None:
+def draw_code_use(tokenizer: Tokenizer, test: ClipSet, png: Path) -> None:
     """Share of the codes that each scale uses on held-out clips, and how evenly (Fig. 7)."""
     features = beginnings(test, 64)
     rows, codes = code_use(tokenizer, features), tokenizer.config.codes
@@ -126,14 +127,16 @@ class Guided:
     """One guided generation, scale by scale.
 
     Attributes:
-        tilts: each scale's guidance.
+        scales: each before its tokens were drawn.
+        tilts: log-likelihood of the goals for every code, to first order, ``[1, L_k, V]``.
         posteriors: log-probabilities after it, ``[1, L_k, V]``.
         expected: motion decoded from each scale's expected embedding after guidance, the coarser scales drawn.
         finished: the motion after refinement.
         keyframes: seconds of the pelvis targets, and the targets (m, world).
     """
 
-    tilts: list[Tilt]
+    scales: list[Scale]
+    tilts: list[Tensor]
     posteriors: list[Tensor]
     expected: list[Motion]
     finished: Motion
@@ -146,21 +149,24 @@ def guided_scales(generator: MSCoT, seed: int = 0) -> Guided:
     # The way sets out straight ahead, as the person stands.
     wanted = torch.tensor([[0.5 - 0.5 * math.cos(2 * math.pi * t / _SECONDS), 0.9, 0.95 * t] for t in times])
     target = {"joint": "pelvis", "position": wanted.tolist()}
-    guide = ObjectiveGuide(Objective((Term("joint_target", target, at=times),)), Context(Scene.empty(), DEFAULT_BODY))
-    tilts: list[Tilt] = []
+    objective, context = Objective((Term("joint_target", target, at=times),)), Context(Scene.empty(), DEFAULT_BODY)
+    scales: list[Scale] = []
+    tilts: list[Tensor] = []
     posteriors: list[Tensor] = []
     expected: list[Motion] = []
 
-    def look(tilt: Tilt) -> None:
-        posterior = (tilt.prior + clipped(tilt.first_order, tilt.nats[:, None, None])).log_softmax(-1)
+    def watched(scale: Scale, guide: Guide) -> Tensor:
+        posterior = tilted(scale, guide)
         with torch.no_grad():
-            expected.append(tilt.step.decode(posterior.exp() @ tilt.codes))
-        tilts.append(tilt)
+            expected.append(scale.step.decode(posterior.exp() @ scale.codes))
+        scales.append(scale)
+        tilts.append(scale.first_order(guide))
         posteriors.append(posterior)
+        return posterior
 
-    observed = MSCoT(generator.bundle, generator.sampling, look)
-    made = observed.generate(_PROMPT, _SECONDS, Pose2D(), guide, 1, seed)
-    return Guided(tilts, posteriors, expected, made.motion, (times, wanted))
+    observed = MSCoT(generator.bundle, generator.sampling, watched)
+    made = make(observed, _PROMPT, _SECONDS, Pose2D(), objective, context, seed=seed)
+    return Guided(scales, tilts, posteriors, expected, made.motion, (times, wanted))
 
 
 def draw_scales(guided: Guided, poses: Path, paths: Path) -> None:
@@ -194,15 +200,15 @@ def draw_tilt(guided: Guided, png: Path) -> None:
     (across) and along their own widest direction beside it (up).
     """
     moved = [
-        float((post.exp() * (post - tilt.prior)).sum(-1)[0].max())
-        for tilt, post in zip(guided.tilts, guided.posteriors, strict=True)
+        float((post.exp() * (post - scale.prior)).sum(-1)[0].max())
+        for scale, post in zip(guided.scales, guided.posteriors, strict=True)
     ]
     k = max(range(len(moved)), key=lambda i: moved[i])
-    tilt, post = guided.tilts[k], guided.posteriors[k]
-    at = int((post.exp() * (post - tilt.prior)).sum(-1)[0].argmax())
-    flat = _plane(tilt.codes, tilt.first_order[0, at])
-    before, after = tilt.prior[0, at].exp(), post[0, at].exp()
-    weight = (post - tilt.prior)[0, at]
+    scale, post = guided.scales[k], guided.posteriors[k]
+    at = int((post.exp() * (post - scale.prior)).sum(-1)[0].argmax())
+    flat = _plane(scale.codes, guided.tilts[k][0, at])
+    before, after = scale.prior[0, at].exp(), post[0, at].exp()
+    weight = (post - scale.prior)[0, at]
     figure = _figure(10.0, 3.6)
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for axis, p, title in ((axes[0], before, "before guidance"), (axes[1], after, "after guidance")):
@@ -221,7 +227,7 @@ def draw_tilt(guided: Guided, png: Path) -> None:
         axis.set_xlabel("along the gradient", fontsize=8)
         axis.tick_params(labelsize=7)
     axes[0].set_ylabel("widest direction beside it", fontsize=8)
-    figure.suptitle(f"{len(flat)} codes at scale {k + 1}, position {at + 1} of {tilt.prior.shape[1]}", fontsize=9)
+    figure.suptitle(f"{len(flat)} codes at scale {k + 1}, position {at + 1} of {scale.prior.shape[1]}", fontsize=9)
     _save(figure, png)
 
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from scenectl.cli.bench.shared import measured
 from scenectl.cli.console import show
-from scenectl.cli.options import DATA, Data, Json, Weights
+from scenectl.cli.options import DATA, Data, Generator, Json, Threads, Weights
 
 
-def tokenizer(data: Data = DATA, weights: Weights = "default", json_file: Json = None) -> None:
+def tokenizer(
+    data: Data = DATA,
+    weights: Weights = "default",
+    generator: Generator = "mscot",
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
     """Reconstruction of test motions by the tokenizer."""
     from scenectl.bench.models.tokenizer import bench_tokenizer
 
-    show(bench_tokenizer(weights, data), json_file)
+    show(measured(lambda maker, tell: bench_tokenizer(maker, data), weights, threads, generator), json_file)

@@ -130,6 +130,15 @@ class MSCoT:
         state = _State(frames, covering(tokens_for(frames)), Pose2D(), [], [], [], kept)
         return self._made(state, text, guide, samples, seed, progress)
 
+    def round_trip(self, features: Float[Tensor, "C T 263"]) -> Float[Tensor, "C T 263"]:
+        """Raw features after a round trip through tokens, T a multiple of four."""
+        return self.bundle.tokenizer.decode(self.bundle.tokenizer.encode(features))
+
+    def babble(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
+        """Raw features of tokens drawn uniformly, `frames` a multiple of four."""
+        lengths, codes = self.quantiser.lengths(tokens_for(frames)), self.bundle.config.tokenizer.codes
+        return self.bundle.tokenizer.decode([torch.randint(codes, (1, n), generator=draw) for n in lengths])
+
     def _made(
         self, state: _State, text: str, guide: Guide | None, samples: int, seed: int, progress: Progress | None
     ) -> Draft:

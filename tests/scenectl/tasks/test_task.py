@@ -18,7 +18,7 @@ from scenes.errors import UserError
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Box, Sphere, Waypoints
 from scenes.motion.motion import Motion, Pose2D
-from scenes.world.floor import path_length
+from scenes.world.floor.polyline import path_length
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, load_scene
 

@@ -10,7 +10,6 @@ from scenectl.bench.control import rivals
 from scenectl.bench.control.control import FURTHEST, NEAREST, PILLARS, _cases, bench_control, plot
 from scenectl.bench.control.keyframes import usable_clips
 from scenectl.bench.control.rivals import METHODS
-from scenectl.control import SolverSettings
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.measures.metrics import Scorer
 from scenes.errors import UserError
@@ -42,7 +41,7 @@ def test_every_method_has_a_row_beside_the_free_sample(
     free, *controlled = rows[:7]
     assert free["passes"] == 0 and free["moved_m"] == 0.0
     assert all(row["passes"] > 0 and row["refine_seconds"] > 0 for row in controlled)
-    lbfgs, paper = controlled[-2], controlled[0]  # ours minds the body, of which random networks have none
+    lbfgs, paper = controlled[-2], controlled[0]  # ours keeps to a body, and random networks have none
     assert lbfgs["average_error_m"] < min(paper["average_error_m"], 0.5 * free["average_error_m"])
     assert summary["motions"] == 2 and summary["paper_over_scenectl_passes"] > 0
     assert summary["scenectl_average_error_m_at_2"] == controlled[-1]["average_error_m"]
@@ -61,8 +60,8 @@ def test_what_is_not_known_is_named(data: Path, methods: tuple, joints: tuple, d
 
 
 def test_clips_can_be_asked_to_be_long(data: Path) -> None:
-    lengths = sorted({clip.frames for clip in usable_clips(data)})
-    assert {clip.frames for clip in usable_clips(data, lengths[-1])} == {lengths[-1]} and len(lengths) > 1
+    lengths = sorted({clip.frames for clip in usable_clips(data, MSCoT.spec)})
+    assert {clip.frames for clip in usable_clips(data, MSCoT.spec, lengths[-1])} == {lengths[-1]} and len(lengths) > 1
     with pytest.raises(UserError, match=f"no captioned test clip of {lengths[-1] + 1} frames"):
         bench_control(MSCoT(bundle()), data, 1, shortest=lengths[-1] + 1)
 
@@ -72,7 +71,7 @@ def test_pillars_stand_close_to_the_recording_which_touches_none(data: Path) -> 
     rows = result["rows"]
     assert [row["scene"] for row in rows] == ["empty", "empty", "pillars", "pillars"]
     assert rows[0]["average_error_m"] == rows[2]["average_error_m"]  # the free sample knows nothing of pillars
-    (case,) = _cases(usable_clips(data), 1, ("head",), ("2",), "pillars", 0)
+    (case,) = _cases(usable_clips(data, MSCoT.spec), MSCoT.spec, 1, ("head",), ("2",), "pillars", 0)
     clearance = Scorer(case.scene).depths(case.keyframes.real).clearance.min()
     assert len(case.scene.primitives) == PILLARS and NEAREST <= clearance <= FURTHEST
-    assert [term.goal for term in case.guide(SolverSettings()).objective.terms] == ["joint_target", "sdf_penetration"]
+    assert [term.goal for term in case.objective().terms] == ["joint_target", "sdf_penetration"]

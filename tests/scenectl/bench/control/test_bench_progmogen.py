@@ -15,7 +15,10 @@ from torch import Tensor
 from scenectl.bench.control.progmogen import COLUMNS, Case, bench_progmogen, cases, score, table
 from scenectl.control import SolverSettings
 from scenectl.data.progmogen import HeadHeights, ProgMoGenPrompts, Prompt
-from scenectl.generators.base import Generation, Guide, Progress
+from scenectl.generators.base import Draft, Guide, Progress
+from scenectl.generators.conditions import Conditions
+from scenectl.generators.prompts import Prompts
+from scenectl.generators.spec import Spec
 from scenectl.generators.steps import DecodedStep
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
@@ -40,24 +43,24 @@ def standing() -> Tensor:
 class Puppet:
     """A person who walks off at 1 m/s; the value of its one step shifts every joint in every frame."""
 
-    name, fps, licence = "puppet", 20.0, "none"
+    name, licence, spec = "puppet", "none", Spec(fps=20.0, shortest=0.5, longest=20.0, window=9.8)
 
     def __init__(self) -> None:
         self.calls: list[tuple[str, float, int, bool]] = []
 
     def generate(
-        self, prompt: str, seconds: float, start: Pose2D, guide: Guide | None = None, samples: int = 1, seed: int = 0,
-        progress: Progress | None = None,
-    ) -> Generation:  # fmt: skip
-        self.calls.append((prompt, seconds, seed, guide is not None))
-        frames = round(seconds * self.fps)
+        self, prompts: Prompts | str, seconds: float, start: Pose2D, *, conditions: Conditions | None = None,
+        guide: Guide | None = None, samples: int = 1, seed: int = 0, progress: Progress | None = None,
+    ) -> Draft:  # fmt: skip
+        self.calls.append((Prompts.of(prompts).single(self.name), seconds, seed, guide is not None))
+        frames = self.spec.frames(seconds)
         noise = torch.randn(samples, frames, 22, 3, generator=torch.Generator().manual_seed(seed)) * 0.003
         walk = torch.arange(frames)[:, None, None] * torch.tensor([0.0, 0.0, 0.05])
         base = standing() + walk + noise
-        step = DecodedStep(torch.zeros(samples, frames, 66), lambda v: Motion(base + v.unflatten(-1, (22, 3))))
-        if guide is None:
-            return Generation(step.motion.placed(start))
-        return guide.finish(Generation(step.decode(guide.refine(step)).placed(start)))
+        step = DecodedStep(
+            torch.zeros(samples, frames, 66), lambda v: Motion(base + v.unflatten(-1, (22, 3))).placed(start)
+        )
+        return Draft(step.motion, step)
 
 
 def random_motion(frames: int, seed: int) -> Motion:
@@ -164,9 +167,9 @@ def test_the_table_has_a_row_for_each_method() -> None:
 
 def test_motions_that_are_not_numbers_stay_valid_json() -> None:
     class Broken(Puppet):
-        def generate(self, *arguments: Any, **options: Any) -> Generation:
+        def generate(self, *arguments: Any, **options: Any) -> Draft:
             made = super().generate(*arguments, **options)
-            return Generation(replace(made.motion, joints=made.motion.joints * math.nan))
+            return Draft(replace(made.motion, joints=made.motion.joints * math.nan))
 
     result = bench_progmogen(Broken(), PROMPTS, ("hsi1",), {"hsi1": 1}, solver=SolverSettings(iterations=1))
     assert result["summary"]["hsi1"]["controlled"]["unsuccess_rate"] == 1
@@ -175,7 +178,7 @@ def test_motions_that_are_not_numbers_stay_valid_json() -> None:
 
 def test_wrong_generators_get_one_sentence() -> None:
     slow = Puppet()
-    slow.fps = 30.0
+    slow.spec = replace(slow.spec, fps=30.0)
     with pytest.raises(UserError, match="at 20 fps; generator 'puppet' makes 30"):
         bench_progmogen(slow, PROMPTS)
     with pytest.raises(UserError, match="made 10 of 52 frames"):

@@ -11,13 +11,13 @@ import torch
 
 from scenectl.bench.models.generator import bench_generator, plot
 from scenectl.bench.models.page import evaluation_page
+from scenectl.data.clips import prepare
 from scenectl.data.features import joints_to_features
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig, ContrastiveEvaluator
 from scenectl.evaluation.kinds import KindClassifier
 from scenectl.evaluation.motions import EncoderConfig
 from scenectl.evaluation.sets import HeldOut, MotionSet, generated, real, reconstructed
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.training.dataset import prepare
 from scenes.errors import UserError
 from tests.scenectl.small import Words, bundle, walk
 from tests.scenectl.training.folder import write_folder
@@ -91,11 +91,11 @@ def test_confusion_is_drawn(result: dict[str, Any], tmp_path: Path) -> None:
 
 def test_motions_keep_their_clips_lengths_and_a_set_can_be_bounded(folder: Path, tmp_path: Path) -> None:
     windows = prepare(folder, ["test"], None, tmp_path, 0)
-    clips = HeldOut.of(windows, seed=0, most=4)
+    clips = HeldOut.of(windows, MSCoT.spec, seed=0, most=4)
     assert len(clips.captions) == 4 and all(len(f) % 4 == 0 and len(f) >= 36 for f in clips.features)
     generator = MSCoT(bundle())
-    made = generated(clips, generator, 0, lambda what, done: None)
-    for motions in (real(clips), reconstructed(clips, generator.bundle.tokenizer), made):
+    made = generated(clips, generator, 0)
+    for motions in (real(clips), reconstructed(clips, generator), made):
         assert [len(j) for j in motions.joints] == [len(f) for f in clips.features]
         assert [len(f) + 1 for f in motions.features] == [len(f) for f in clips.features]
 
@@ -110,7 +110,7 @@ def test_features_of_a_set_come_from_its_joints() -> None:
 def test_clips_too_short_are_refused(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "d", {"a": (walk(20), {"split": "test"})})
     with pytest.raises(UserError, match="no test clip has 36 frames"):
-        HeldOut.of(prepare(folder, ["test"], None, tmp_path / "c", 0), 0)
+        HeldOut.of(prepare(folder, ["test"], None, tmp_path / "c", 0), MSCoT.spec, 0)
 
 
 def test_what_cannot_be_scored_is_found_before_anything_is_generated(

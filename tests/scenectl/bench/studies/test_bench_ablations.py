@@ -21,9 +21,9 @@ from scenectl.bench.studies.figures import (
     spectrogram,
 )
 from scenectl.control import SolverSettings
+from scenectl.data.clips import prepare
 from scenectl.data.corpus import load_motions
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.training.dataset import prepare
 from tests.scenectl.small import bundle
 from tests.scenectl.training.folder import walks
 
@@ -84,10 +84,10 @@ def test_pictures_of_scales_guidance_and_codes(data: Path, tmp_path: Path, monke
     draw_spectrogram(generator.bundle.tokenizer, test, tmp_path / "a.png")
     draw_code_use(generator.bundle.tokenizer, test, tmp_path / "b.png")
     guided = guided_scales(generator)
-    assert len(guided.tilts) == len(guided.expected) == generator.quantiser.scales
-    for tilt, post in zip(guided.tilts, guided.posteriors, strict=True):
+    assert len(guided.scales) == len(guided.expected) == generator.quantiser.scales
+    for scale, post in zip(guided.scales, guided.posteriors, strict=True):
         torch.testing.assert_close(post.exp().sum(-1), torch.ones(post.shape[:2]))
-        assert float((post * 1.0 - tilt.prior).abs().max()) > 0
+        assert float((post * 1.0 - scale.prior).abs().max()) > 0
     draw_scales(guided, tmp_path / "c.png", tmp_path / "d.png")
     draw_tilt(guided, tmp_path / "e.png")
     rows = [{"refinement_iterations": n, **controlled(generator, load_motions(data, ("test",))[:1], 1,
