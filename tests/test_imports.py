@@ -17,10 +17,22 @@ ALLOWED = {
     "scenectl": {"scenes", "objectives", "scenectl"},
 }
 ROOMS = {
-    "scenes": ["errors", "files", "kernels", "motion", "mesh", "sdf", "body", "world", "scene", "bundled"],
+    "scenes": [
+        "errors",
+        "validation",
+        "files",
+        "kernels",
+        "motion",
+        "mesh",
+        "sdf",
+        "body",
+        "world",
+        "scene",
+        "bundled",
+    ],
 }
 """Rooms of a package, the lowest first: each imports itself and those before it."""
-HEAVY = ("pyvista", "vtk", "open3d", "igl", "skimage", "manifold3d", "transformers", "sentence_transformers")
+HEAVY = ("vtkmodules", "matplotlib", "open3d", "igl", "skimage", "manifold3d", "transformers", "sentence_transformers")
 
 
 def imported(path: Path) -> set[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -306,3 +308,17 @@ def test_goals_of_a_users_own_are_drawn_and_held_in_the_picture(tiny: ModuleType
         assert shares[0] == 0.0 and shares[1] > 0.005
     finally:
         forget("fetched")
+
+
+def test_nothing_is_loaded_that_is_not_drawn_with(tmp_path: Path) -> None:
+    """VTK when a picture is drawn and not before, and none of the plotting packages then."""
+    code = (
+        "import sys\n"
+        "from scenectl.view import draw_scene\n"
+        "from scenes.world.scene import Scene\n"
+        "heavy = lambda: sorted({'vtkmodules', 'vtk', 'pyvista', 'matplotlib', 'open3d'} & set(sys.modules))\n"
+        f"print(heavy()); draw_scene(Scene.empty(), {str(tmp_path / 'scene.png')!r}); print(heavy())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]", "['vtkmodules']"]
+    assert done.stderr == ""
