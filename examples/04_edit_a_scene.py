@@ -10,9 +10,8 @@ import numpy as np
 import torch
 
 import scenes
-from scenes.world.scene import BUNDLED
 
-file, name = sys.argv[1:3] if len(sys.argv) > 2 else (BUNDLED / "living_room.glb", "chair_1")
+file, name = sys.argv[1:3] if len(sys.argv) > 2 else (scenes.BUNDLED / "living_room.glb", "chair_1")
 room = scenes.Assembly(scenes.load_parts(file), lattice=96)
 print(f"{len(room.names)} objects, among them {', '.join(room.names[:4])}.")
 

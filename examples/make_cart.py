@@ -7,13 +7,22 @@ under its middle; it is pushed along its own +z.
 import sys
 from pathlib import Path
 
-from manifold3d import Manifold
+from manifold3d import Manifold, OpType
 
-from scenes.bundled.authoring import Item, Plan, box, glb, join
 from scenes.files import atomic_write
+from scenes.mesh.glb import Item, glb
 
 WIDE, LONG, DECK = 0.31, 0.46, 0.22
 """Half of its width and length, and the height of its platform (m)."""
+
+
+def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Manifold:
+    """Between two coordinates (m) along each axis."""
+    return Manifold.cube((x[1] - x[0], y[1] - y[0], z[1] - z[0])).translate((x[0], y[0], z[0]))
+
+
+def join(*parts: Manifold) -> Manifold:
+    return Manifold.batch_boolean(list(parts), OpType.Add)
 
 
 def wheel(x: float, z: float) -> Manifold:
@@ -21,7 +30,7 @@ def wheel(x: float, z: float) -> Manifold:
     return Manifold.cylinder(0.04, 0.08, 0.08, 24).rotate((0.0, 90.0, 0.0)).translate((x - 0.02, 0.08, z))
 
 
-def cart() -> Plan:
+def cart() -> list[Item]:
     """The cart."""
     wheels = join(*(wheel(x, z) for x in (-0.24, 0.24) for z in (-0.34, 0.34)))
     axles = [box((-0.24, 0.24), (0.06, 0.1), (z - 0.02, z + 0.02)) for z in (-0.34, 0.34)]
@@ -29,13 +38,14 @@ def cart() -> Plan:
     deck = join(box((-WIDE, WIDE), (DECK - 0.05, DECK), (-LONG, LONG)), *axles, *blocks)
     posts = [box((x - 0.018, x + 0.018), (DECK - 0.02, 0.98), (-LONG, -LONG + 0.036)) for x in (-0.27, 0.27)]
     bar = join(*posts, box((-0.29, 0.29), (0.95, 0.99), (-LONG, -LONG + 0.036)))
-    parcels = [
+    return [
+        Item("wheels", wheels, (66, 72, 80)),
+        Item("deck", deck, (176, 92, 74)),
+        Item("bar", bar, (66, 72, 80)),
         Item("crate", box((-0.26, 0.26), (DECK + 0.001, DECK + 0.34), (-0.16, 0.4)), (205, 176, 136)),
         Item("parcel", box((-0.22, 0.1), (DECK + 0.341, DECK + 0.58), (-0.1, 0.28)), (204, 154, 74)),
         Item("box", box((-0.2, 0.22), (DECK + 0.001, DECK + 0.26), (-0.4, -0.18)), (84, 122, 129)),
     ]
-    items = (Item("wheels", wheels, (66, 72, 80)), Item("deck", deck, (176, 92, 74)), Item("bar", bar, (66, 72, 80)))
-    return Plan("cart", "A cart with parcels.", (*items, *parcels), (0.0, 0.0, 0.0), {})
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@ from objectives import library
 from objectives.context import BodyLike, Context, Grounded, SceneLike
 from objectives.diagnosis import diagnosis
 from objectives.kernels import Kernel, Reduction
+from objectives.marks import Mark
 from objectives.objective import Objective
-from objectives.parameters import File, FloorPoint, Point, Region
+from objectives.parameters import File, FloorPoint, Point, Region, Time, Window
 from objectives.registry import GoalSpec, Masked, Parameter, forget, get_goal, goal, goals
 from objectives.report import TermReport
 from objectives.term import Assessed, Evaluated, Term
@@ -24,6 +25,7 @@ __all__ = [
     "Grounded",
     "Kernel",
     "Line",
+    "Mark",
     "Masked",
     "Objective",
     "Parameter",
@@ -34,9 +36,11 @@ __all__ = [
     "Sinusoid",
     "Term",
     "TermReport",
+    "Time",
     "Track",
     "TrackBase",
     "Waypoints",
+    "Window",
     "diagnosis",
     "forget",
     "get_goal",

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from objectives.context import Context, SceneLike
-from objectives.parameters import FloorPoint, Point, instances
+from objectives.context import Context
+from objectives.parameters import FloorPoint, Point, Time, Window, instances, stated
 from objectives.term import Term
 from objectives.tracks import TrackBase
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
-
-# Parameters of any goal that are times, by name: single times, and spans that need only touch the motion.
-_TIMES = ("at", "begin", "end")
-_SPANS = ("exempt_windows",)
 
 
 def check_term(
@@ -31,7 +25,7 @@ def check_term(
     motion = standing(skeleton, max(1, round(seconds * fps)), fps, t0, context)
     try:
         with torch.no_grad():
-            found = term.evaluate(motion, replace(context, scene=_Unbaked(context.scene)))
+            found = term.evaluate(motion, context.unbaked)
     except UserError:
         raise
     except Exception as error:  # a goal written by a user: say which, and what it raised
@@ -40,23 +34,6 @@ def check_term(
         raise UserError(f"{term.label} is active at no frame between {t0:g} and {t0 + seconds:g} s")
     if not torch.isfinite(found.residual).all():
         raise UserError(f"{term.label} is not finite for a standing person; check its parameters")
-
-
-class _Unbaked:
-    """The scene with a plane for its distances: asking a mesh for real ones would bake it, which takes long."""
-
-    def __init__(self, scene: SceneLike) -> None:
-        self._scene = scene
-
-    @property
-    def bounds(self) -> object:
-        return self._scene.bounds
-
-    def distance(self, points: Tensor, time: Tensor | None = None) -> Tensor:
-        return points[..., 1] if time is None else points[..., 1] + 0 * time
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._scene, name)
 
 
 def standing(skeleton: Skeleton, frames: int, fps: float, t0: float, context: Context) -> Motion:
@@ -72,15 +49,15 @@ def standing(skeleton: Skeleton, frames: int, fps: float, t0: float, context: Co
 
 
 def _check_times(term: Term, begin: float, end: float, fps: float) -> None:
-    stated = list(term.times) + [t for name in _TIMES for t in instances(term.parameters.get(name), float)]
+    typed = [(term.spec.parameters[name].hint, value) for name, value in term.parameters.items()]
+    times = [*term.times, *(time for hint, value in typed for time in stated(hint, value, Time))]
     # A target must lie in the motion; an obstacle may come from before it and go on after it.
-    track = term.parameters.get("track")
-    stated += list(track.span) if isinstance(track, TrackBase) else []
-    for time in stated:
+    tracks = instances(dict(term.parameters), TrackBase) if term.spec.pulls else []
+    for time in times + [time for track in tracks for time in track.span]:
         if not begin - 0.5 / fps <= time <= end + 1e-6:
             raise UserError(f"{term.label}: time {time:g} s lies outside the motion, {_span(begin, end)}")
     spans = [(name, span) for name, span in (("window", term.window), ("sometime", term.sometime)) if span]
-    spans += [("window", span) for name in _SPANS for span in term.parameters.get(name) or ()]
+    spans += [("window", span) for hint, value in typed for span in stated(hint, value, Window)]
     for name, span in spans:
         if span[1] < begin or span[0] > end:
             raise UserError(f"{term.label}: {name} {list(span)} s does not touch the motion, {_span(begin, end)}")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor
@@ -75,3 +75,25 @@ class Context:
     def ground(self) -> float | None:
         """Height (m, world) on which soles stand, where the scene knows it."""
         return self.scene.ground if isinstance(self.scene, Grounded) else None
+
+    @property
+    def unbaked(self) -> Context:
+        """The same with a plane for the scene's distances: asking a mesh for real ones bakes it, which takes long."""
+        return replace(self, scene=_Unbaked(self.scene))
+
+
+class _Unbaked:
+    """A scene whose distances are heights over y = 0, and whose facts are another's."""
+
+    def __init__(self, scene: SceneLike) -> None:
+        self._scene = scene
+
+    @property
+    def bounds(self) -> object:
+        return self._scene.bounds
+
+    def distance(self, points: Tensor, time: Tensor | None = None) -> Tensor:
+        return points[..., 1] if time is None else points[..., 1] + 0 * time
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._scene, name)

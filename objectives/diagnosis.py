@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import torch
@@ -72,21 +73,21 @@ def _targets(term: Term, motion: Motion, context: Context) -> list[_Target]:
     size, active = found.square.sqrt(), found.mask.nonzero().tolist()
     if not active:
         return []
-    positions = term.goal == "joint_target"
-    if not positions or len(active) > _DENSE:
+    places = found.targets
+    drawn = places is not None and not bool(places.isnan().all(-1)[found.mask].any())
+    if places is None or not drawn or len(active) > _DENSE:
         report = term.report(motion, context)[0]
         return [_Target(term.name, report.worst, term.spec.unit, report.met, None, report.when or 0.0)]
     targets = []
     for number, (frame, entry) in enumerate(active):
-        time, joint = motion.t0 + frame / motion.fps, found.labels[entry]
+        time, joint = motion.t0 + frame / motion.fps, found.joints[entry]
         which = f"target {number + 1}" if len(active) > 1 else "the target"
         name = f"{term.name}: {which}" if term.name != term.goal else which
-        place = None
-        if found.points is not None and found.sizes[entry] == 3:
-            x, y, z = (found.points[frame, entry] - found.residual[frame].unflatten(-1, (-1, 3))[entry]).tolist()
-            place = (x, y, z)
+        x, y, z = places[frame, entry].tolist()
+        place = (x, y, z) if math.isfinite(x + y + z) else None
         miss = float(size[frame, entry])
-        label = f"{name} ({joint.replace('_', ' ')}, {time:.2f} s)"
+        who = joint or (found.labels[entry] if found.labels else "")
+        label = f"{name} ({who.replace('_', ' ')}, {time:.2f} s)" if who else f"{name} ({time:.2f} s)"
         targets.append(_Target(label, miss, term.spec.unit, miss <= term.allowed, joint, time, place))
     return targets
 

@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from torch import Tensor
 
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError
+from scenes.validation import deepest, sentence, shown
 
 
 class Point(NamedTuple):
@@ -58,6 +59,10 @@ def _beside(path: Path, info: Any) -> Path:  # pydantic's ValidationInfo
 File = Annotated[Path, AfterValidator(_beside)]
 """A file; relative names are looked for beside the task file."""
 
+Time = Annotated[float, "s, task clock"]
+"""A moment, which `Objective.check` compares with the motion's own."""
+Window = Annotated[tuple[float, float], "s, task clock"]
+"""From when to when; `Objective.check` refuses one that the motion does not touch."""
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
@@ -126,7 +131,7 @@ def parse(where: str, hint: Any, value: Any, folder: Path | None = None) -> Any:
     except ValidationError as error:
         raise UserError(f"{where}{_sentence(error, hint, value)}") from error
     if not _same_kind(value, parsed):
-        raise UserError(f"{where} must be {describe(hint)}, not {_shown(value)}")
+        raise UserError(f"{where} must be {describe(hint)}, not {shown(value)}")
     return parsed
 
 
@@ -150,36 +155,37 @@ def _same_kind(given: Any, parsed: Any) -> bool:
     return True
 
 
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+_NAMED = (
+    "value_error",
+    "extra_forbidden",
+    "greater_than",
+    "greater_than_equal",
+    "less_than",
+    "less_than_equal",
+    "too_short",
+    "too_long",
+)
 
 
 def _sentence(error: ValidationError, hint: Any, value: Any) -> str:
-    # A union reports every alternative: our own messages first, then misspelled keys (which also make others
-    # missing), then whatever got furthest into the value.
-    found = error.errors(include_url=False)
-    best = max(found, key=lambda e: (e["type"] == "value_error", e["type"] == "extra_forbidden", len(e["loc"])))
-    keys = [str(k) for k in best["loc"]]
-    message = best["msg"][:1].lower() + best["msg"][1:]
-    if best["type"] == "value_error":
-        return ": " + best["msg"].removeprefix("Value error, ")
-    if best["type"] == "extra_forbidden":
-        return f": unknown key '{keys[-1]}'{did_you_mean(keys[-1], _keys(hint, value))}"
-    if best["type"] in ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "too_short", "too_long"):
-        return f": {message}, not {_shown(best['input'])}"
-    if isinstance(value, Mapping) and keys:
-        return f": '{keys[-1]}' " + ("is missing" if best["type"] == "missing" else message.removeprefix("input "))
-    return f" must be {describe(hint)}, not {_shown(value)}"
+    """What is wrong with a table or a bound, where in it; of any other value that it should be of another type."""
+    if isinstance(value, Mapping) or deepest(error)["type"] in _NAMED:
+        return ": " + sentence(error, value, hint)
+    return f" must be {describe(hint)}, not {shown(value)}"
 
 
-def _keys(hint: Any, value: Any) -> set[str]:
-    """Keys of the table types inside a hint, of the stated kind if there is one."""
-    if isinstance(hint, type) and issubclass(hint, BaseModel):
-        kind = hint.model_fields.get("kind")
-        stated = value.get("kind") if isinstance(value, Mapping) else None
-        return set(hint.model_fields) if kind is None or stated in (None, kind.default) else set()
-    return set().union(*(_keys(i, value) for i in get_args(hint)), set())
+def stated(hint: Any, value: Any, kind: Any) -> list[Any]:
+    """Every part of `value` whose annotation in `hint` is `kind`: `Time`, `Window`."""
+    if hint == kind:
+        base = get_args(kind)[0]
+        return [value] if isinstance(value, get_origin(base) or base) else []
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType, Annotated):
+        options = inner[:1] if origin is Annotated else inner
+        return [found for option in options for found in stated(option, value, kind)]
+    if origin is list and isinstance(value, list):
+        return [found for item in value for found in stated(inner[0], item, kind)]
+    return []
 
 
 T = TypeVar("T")

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives.kernels import KERNELS, REDUCTIONS, Kernel, Reduction
+from objectives.marks import Mark
 from objectives.parameters import describe, parse
 from scenes.errors import UserError, did_you_mean
 
@@ -32,6 +33,9 @@ TERM_KEYS = (
 
 _RESERVED = frozenset(TERM_KEYS) - {"at", "weights"}
 
+JOINT = "joint"
+"""A goal whose parameter has this name is about that joint or those joints, and need not say so in its result."""
+
 
 @dataclass(frozen=True)
 class Masked:
@@ -45,7 +49,12 @@ class Masked:
         sizes: components of each entry: one number, or one for each entry. A target in space has entries of 3,
             whose length (and not each coordinate) is what all kernels and the report look at.
         labels: name of each entry in reports, usually a joint.
+        joints: the joint that each entry is about, where its label is no joint's name; None for no single joint.
         points: where each entry is, world m, for reports.
+        targets: where each entry is drawn to, world m, of goals that pull; nan on coordinates that are free and where
+            an entry is drawn nowhere. The diagnosis tells targets out of reach by it, the viewer marks them, and
+            generators that take positions as inputs are told them.
+        marks: what the viewer shows; by default targets, or else the points and tracks among the parameters.
     """
 
     residual: Float[Tensor, "*b T k"]
@@ -53,7 +62,10 @@ class Masked:
     weights: Float[Tensor, "..."] | None = None
     sizes: int | tuple[int, ...] | None = None
     labels: Sequence[str] = ()
+    joints: Sequence[str | None] = ()
     points: Float[Tensor, "*b T n 3"] | None = None
+    targets: Float[Tensor, "*b T n 3"] | None = None
+    marks: Sequence[Mark] | None = None
 
 
 GoalFunction = Callable[..., "Tensor | Masked"]

@@ -13,9 +13,10 @@ from torch import Tensor
 
 from objectives.context import Context
 from objectives.kernels import Kernel, Reduction, kernel_cost, least_squares_weight
+from objectives.marks import Mark, marks_of_parameters, marks_of_targets
 from objectives.maths import frames_near, within
 from objectives.parameters import NotNegative, Positive, parse
-from objectives.registry import TERM_KEYS, GoalSpec, Masked, get_goal
+from objectives.registry import JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
 from objectives.report import TermReport
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
@@ -35,7 +36,10 @@ class Evaluated:
         weights: factor on the cost of each entry, ``[*b, T, n]``.
         sizes: components of each of the n entries.
         labels: name of each entry, or nothing.
+        joints: the joint that each entry is about, or None, ``[n]``.
         points: where each entry is, world m, or nothing.
+        targets: where each entry is drawn to, world m, nan on what is free; or nothing.
+        marks: what the goal itself says that there is to see; None where it says nothing.
     """
 
     residual: Float[Tensor, "*b T k"]
@@ -44,7 +48,10 @@ class Evaluated:
     weights: Float[Tensor, "*b T n"]
     sizes: tuple[int, ...]
     labels: tuple[str, ...]
+    joints: tuple[str | None, ...]
     points: Float[Tensor, "*b T n 3"] | None
+    targets: Float[Tensor, "*b T n 3"] | None
+    marks: tuple[Mark, ...] | None
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,13 @@ class Term:
         """Worst residual that counts as met, in the goal's unit: the tolerance, or else the goal's."""
         return self.spec.tolerance if self.tolerance is None else self.tolerance
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints that the term was told to be about (its goal's parameter `joint`); empty where it is told none."""
+        stated = self.spec.parameters.get(JOINT)
+        named = self.parameters.get(JOINT, () if stated is None or stated.required else stated.default)
+        return (named,) if isinstance(named, str) else tuple(named or ())
+
     def loosened(self, reach: float) -> Term:
         """The same, counting as met within `reach` (m) of what it pulls towards; unchanged where it pulls nowhere."""
         if not self.spec.pulls or self.spec.unit != "m" or self.allowed >= reach:
@@ -178,8 +192,22 @@ class Term:
         if self.sometime is not None:
             mask = mask & _best_frame(_squares(residual.detach(), sizes) * weights, mask)[..., None]
         residual = torch.where(_per_component(mask, sizes), residual, 0.0)
-        labels, points = self._places(result, motion, len(sizes))
-        return Evaluated(residual, _squares(residual, sizes), mask, weights, sizes, labels, points)
+        about = self._about(result, motion, len(sizes))
+        marks = None if result.marks is None else tuple(result.marks)
+        return Evaluated(residual, _squares(residual, sizes), mask, weights, sizes, *about, marks)
+
+    def marks(self, motion: Motion, context: Context) -> list[Mark]:
+        """What there is to see of the term beside one motion ``[T, J, 3]``: what its goal says, or else its targets.
+
+        Of a goal that says neither, the points and tracks among its parameters. No distance of the scene is asked.
+        """
+        with torch.no_grad():
+            found = self.evaluate(motion, context.unbaked)
+        if found.marks is not None:
+            return list(found.marks)
+        if found.targets is None:
+            return marks_of_parameters(self.parameters, self.allowed)
+        return marks_of_targets(found.targets, found.points, found.mask, self.allowed)
 
     def residual(self, motion: Motion, context: Context) -> Float[Tensor, "*b T k"]:
         """The goal's residual in natural units, unweighted; zero where the term does not apply."""
@@ -337,16 +365,26 @@ class Term:
             shape = tuple(given.shape)
             raise UserError(f"{self.label}: '{what}' has shape {shape}, expected [T], [*b, T] or {full}") from error
 
-    def _places(self, result: Masked, motion: Motion, entries: int) -> tuple[tuple[str, ...], Tensor | None]:
-        """Labels and points of the entries; a goal about one `joint` need not state its own."""
-        joint = self.spec.parameters["joint"].default if "joint" in self.spec.parameters else None
-        joint = self.parameters.get("joint", joint)
-        if result.labels or result.points is not None or entries != 1 or not isinstance(joint, str):
-            points = None if result.points is None else result.points.detach()
-            if len(result.labels) not in (0, entries) or (points is not None and points.shape[-2] != entries):
-                raise UserError(f"{self.label}: its labels and points must be as many as its {entries} entries")
-            return tuple(result.labels), points
-        return (joint,), motion.joint(joint).detach()[..., None, :]
+    def _about(
+        self, result: Masked, motion: Motion, entries: int
+    ) -> tuple[tuple[str, ...], tuple[str | None, ...], Tensor | None, Tensor | None]:
+        """Labels, joints, points and targets of the entries; a goal about one `joint` need not state its own."""
+        labels, points = tuple(result.labels), result.points
+        if not labels and points is None and entries == 1 and len(self.joints) == 1:
+            labels, points = self.joints, motion.joint(self.joints[0])[..., None, :]
+        counts = {"labels": len(labels) or entries, "joints": len(result.joints) or entries}
+        counts |= {
+            what: places.shape[-2]
+            for what, places in (("points", points), ("targets", result.targets))
+            if places is not None
+        }
+        for what, count in counts.items():
+            if count != entries:
+                raise UserError(f"{self.label}: its {what} must be as many as its {entries} entries")
+        known = set(motion.skeleton.names)
+        joints = tuple(result.joints) or tuple(name if name in known else None for name in labels) or (None,) * entries
+        points, targets = (None if places is None else places.detach() for places in (points, result.targets))
+        return labels, joints, points, targets
 
 
 _OPTIONS: dict[str, Any] = {

@@ -35,7 +35,7 @@ _HOME = {
     "bundled": "scenes.world.scene",
     "csg": "scenes.mesh.primitives",
     "edit": "scenectl.pipeline.editing",
-    "free_area": "scenes.world.floor",
+    "free_area": "scenes.world.floor.planning",
     "goal": "objectives",
     "goals": "objectives",
     "load_generator": "scenectl.generators",
@@ -95,7 +95,7 @@ if TYPE_CHECKING:
     from scenes.mesh.mesh import Mesh, load_mesh
     from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Sphere, Waypoints, csg
     from scenes.motion.motion import Motion, Pose2D
-    from scenes.world.floor import free_area
+    from scenes.world.floor.planning import free_area
     from scenes.world.moving import MovingObject, Trajectory
     from scenes.world.scene import Scene, bundled, load_scene
 

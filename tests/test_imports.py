@@ -1,10 +1,11 @@
-"""The three packages import in one direction, and what only one feature needs is imported by that feature."""
+"""Packages and their rooms import in one direction, and what only one feature needs is imported by that feature."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -15,18 +16,28 @@ ALLOWED = {
     "objectives": {"scenes", "objectives"},
     "scenectl": {"scenes", "objectives", "scenectl"},
 }
+ROOMS = {
+    "scenes": ["errors", "files", "kernels", "motion", "mesh", "sdf", "body", "world", "scene", "bundled"],
+}
+"""Rooms of a package, the lowest first: each imports itself and those before it."""
 HEAVY = ("pyvista", "vtk", "open3d", "igl", "skimage", "manifold3d", "transformers", "sentence_transformers")
 
 
 def imported(path: Path) -> set[str]:
-    """Top-level names of every import in a file, those inside functions too."""
+    """Full names of all that a file imports, inside functions and for type checkers too; `from a import b` is a.b."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            names.add(node.module.split(".")[0])
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively, where this test does not look"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
     return names
+
+
+def room_of(name: str) -> str:
+    """The second part of a dotted name."""
+    return name.split(".")[1] if "." in name else ""
 
 
 @pytest.mark.parametrize("package", ALLOWED)
@@ -34,8 +45,49 @@ def test_imports_point_one_way(package: str) -> None:
     files = sorted((ROOT / package).rglob("*.py"))
     assert files, f"no files in {package}"
     for path in files:
-        backwards = (imported(path) & set(ALLOWED)) - ALLOWED[package]
+        backwards = ({name.split(".")[0] for name in imported(path)} & set(ALLOWED)) - ALLOWED[package]
         assert not backwards, f"{path.relative_to(ROOT)} imports {backwards}"
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_rooms_import_one_way(package: str) -> None:
+    rooms, wrong = ROOMS[package], []
+    for path in sorted((ROOT / package).rglob("*.py")):
+        room = path.relative_to(ROOT / package).parts[0].removesuffix(".py")
+        if room == "__init__":
+            continue  # the front of the package shows what is in all rooms
+        assert room in rooms, f"{path.relative_to(ROOT)} is in no room of the table"
+        above = rooms[rooms.index(room) + 1 :]
+        seen = {name for name in imported(path) if name.split(".")[0] == package}
+        strange = [name for name in seen if room_of(name) in above or room_of(name) not in rooms]
+        wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in sorted(strange)]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_no_modules_import_one_another_in_a_circle(package: str) -> None:
+    files = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in sorted((ROOT / package).rglob("*.py"))
+    }
+    files.pop(package)  # the front of the package
+
+    def module(name: str) -> str:
+        return name if name in files or "." not in name else module(name.rpartition(".")[0])
+
+    graph = {
+        name: {module(other) for other in imported(path)} & (files.keys() - {name}) for name, path in files.items()
+    }
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
+
+
+def test_a_scene_without_meshes_needs_no_compiler() -> None:
+    code = """import sys, torch, scenes
+room = scenes.Scene([], [scenes.Box((0, 1, 0), (1, 1, 1))])
+room.distance(torch.zeros(2, 3)), room.floor, scenes.Scene.empty().bounds, scenes.DEFAULT_BODY, scenes.Motion
+print([name for name in ("numba", "scipy", "trimesh", "pydantic") if name in sys.modules])"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_the_command_line_starts_without_what_only_one_command_needs() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from objectives.context import Context
 from objectives.library._joints import Joints, placed
+from objectives.marks import rectangle
 from objectives.maths import first_middle_last, frame_mask, frames_near
 from objectives.parameters import NotNegative, Region
 from objectives.registry import Masked, goal
@@ -66,9 +68,12 @@ def head_height(
         raise UserError(f"{keys} moments need {keys} heights and weights, not {len(heights)} and {len(factors)}")
     residual = _past(world[..., 1:2], world.new_tensor(heights), mode)
     points = world[..., None, :].expand(*residual.shape, 3)
-    return Masked(
-        residual, active, world.new_tensor(factors).expand(residual.shape), labels=[joint] * keys, points=points
-    )
+    targets = None
+    if mode == "equal":
+        places = [(math.nan, moment, math.nan) for moment in heights]
+        targets = world.new_tensor(places).expand(points.shape)
+    each = world.new_tensor(factors).expand(residual.shape)
+    return Masked(residual, active, each, labels=[joint] * keys, points=points, targets=targets)
 
 
 @goal(unit="m", kernel="squared", reduction="mean", tolerance=0.02)
@@ -98,7 +103,8 @@ def height_limit(
         x, z = points[..., 0], points[..., 2]
         inside = (x >= region.x[0]) & (x <= region.x[1]) & (z >= region.z[0]) & (z <= region.z[1])
         past = torch.where(inside, past, 0.0)
-    return Masked(past, labels=names, points=points)
+    marks = [] if region is None else rectangle(region.x, region.z, limit, "obstacle")
+    return Masked(past, labels=names, points=points, marks=marks)
 
 
 @goal(unit="m", kernel="linear", reduction="sum", tolerance=0.05)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from objectives.context import Context
 from objectives.library._joints import Joints, placed
+from objectives.marks import Mark, Shape
 from objectives.maths import length
 from objectives.parameters import NotNegative, Point, Positive
 from objectives.registry import Masked, goal
@@ -36,8 +38,10 @@ def sphere_repulsion(
         joints: which joints keep away, by default all.
     """
     names, points = placed(joints, motion)
-    distance = length(points - held_position(center, motion.times)) - radius
-    return Masked((margin - distance).clamp_min(0), labels=names, points=points)
+    middle = held_position(center, motion.times)
+    distance = length(points - middle) - radius
+    marks = [_obstacle("ball", middle, radius, motion, center)]
+    return Masked((margin - distance).clamp_min(0), labels=names, points=points, marks=marks)
 
 
 @goal(unit="m", kernel="squared", reduction="mean", tolerance=0.0)
@@ -63,7 +67,17 @@ def capsule_repulsion(
     names, points = placed(joints, motion)
     ends = held_position(a, motion.times), held_position(b, motion.times)
     distance = segment_distance(points, *ends) - radius
-    return Masked((margin - distance).clamp_min(0), labels=names, points=points)
+    marks = [_obstacle("capsule", torch.cat(ends, dim=1), radius, motion, a, b)]
+    return Masked((margin - distance).clamp_min(0), labels=names, points=points, marks=marks)
+
+
+def _obstacle(
+    shape: Shape, points: Float[Tensor, "T P 3"], radius: float, motion: Motion, *places: Point | Track
+) -> Mark:
+    """The mark of what is at `points` over the frames of a motion; one set of them where its places stand still."""
+    if all(isinstance(place, Point) for place in places):
+        return Mark(shape, points[0], radius, "obstacle")
+    return Mark(shape, points, radius, "obstacle", motion.times)
 
 
 def segment_distance(

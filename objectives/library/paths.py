@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Literal
 
@@ -11,8 +12,9 @@ from torch import Tensor
 
 from objectives.context import Context
 from objectives.library.obstacles import segment_distance
+from objectives.marks import Mark
 from objectives.maths import beyond, root
-from objectives.parameters import FloorPoint, Point, Positive
+from objectives.parameters import FloorPoint, Point, Positive, Time
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
@@ -30,8 +32,8 @@ def follow_path(
     *,
     path: list[FloorPoint] | list[Point],
     half_width: Positive = 0.3,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     lag: Positive = 0.5,
     pace: Literal["constant", "ease"] = "constant",
     joint: str = "pelvis",
@@ -57,16 +59,32 @@ def follow_path(
     place = motion.joint(joint)
     vertices = place.new_tensor(_vertices(path))
     corridor = (path_distance(place[..., ::2], vertices) - half_width).clamp_min(0)[..., None]
+    marks = [Mark("line", _on_floor(vertices), role="way")]
     if begin is None and end is None:
-        return Masked(corridor, labels=[f"{joint} (corridor)"], points=place[..., None, :])
+        labels = [f"{joint} (corridor)"]
+        return Masked(corridor, labels=labels, joints=[joint], points=place[..., None, :], marks=marks)
     if begin is None or end is None or end <= begin:
         raise UserError("a schedule needs 'begin' and a later 'end'")
     share = ((motion.times - begin) / (end - begin)).clamp(0, 1)
     share = share * share * (3 - 2 * share) if pace == "ease" else share
-    behind = beyond(place[..., ::2] - path_point(vertices, share), lag)
-    labels = [f"{joint} (corridor)", f"{joint} (schedule)"]
+    scheduled = path_point(vertices, share)
+    behind = beyond(place[..., ::2] - scheduled, lag)
     points = place[..., None, :].expand(*place.shape[:-1], 2, 3)
-    return Masked(torch.cat([corridor, behind], dim=-1), sizes=(1, 2), labels=labels, points=points)
+    targets = torch.nn.functional.pad(_on_floor(scheduled)[:, None], (0, 0, 1, 0), value=math.nan)
+    return Masked(
+        torch.cat([corridor, behind], dim=-1),
+        sizes=(1, 2),
+        labels=[f"{joint} (corridor)", f"{joint} (schedule)"],
+        joints=[joint, joint],
+        points=points,
+        targets=targets.expand(points.shape),
+        marks=marks,
+    )
+
+
+def _on_floor(places: Float[Tensor, "P 2"]) -> Float[Tensor, "P 3"]:
+    """World points of x and z whose height is free."""
+    return torch.stack([places[:, 0], torch.full_like(places[:, 0], math.nan), places[:, 1]], dim=-1)
 
 
 def _vertices(path: list[FloorPoint] | list[Point]) -> list[tuple[float, float]]:

@@ -6,6 +6,7 @@ import torch
 
 from objectives.context import Context
 from objectives.library._joints import Joints, placed
+from objectives.marks import rectangle
 from objectives.parameters import FloorPoint, Positive
 from objectives.registry import Masked, goal
 from scenes.motion.motion import Motion
@@ -38,4 +39,6 @@ def square_region(
     out = torch.stack([x - half, -half - x, z - half, -half - z], dim=-1).clamp_min(0)
     sides = [f"{name} ({side})" for name in names for side in ("+x", "-x", "+z", "-z")]
     each = points.detach()[..., None, :].expand(*points.shape[:-1], 4, 3).flatten(-3, -2)
-    return Masked(out.flatten(-2), labels=sides, points=each)
+    owners = [name for name in names for _ in range(4)]
+    marks = rectangle((center.x - half, center.x + half), (center.z - half, center.z + half))
+    return Masked(out.flatten(-2), labels=sides, joints=owners, points=each, marks=marks)

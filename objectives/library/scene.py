@@ -9,7 +9,7 @@ from torch import Tensor
 from objectives.context import Context
 from objectives.library._joints import Joints, chosen
 from objectives.maths import within
-from objectives.parameters import NotNegative
+from objectives.parameters import NotNegative, Window
 from objectives.registry import Masked, goal
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Motion
@@ -23,7 +23,7 @@ def sdf_penetration(
     *,
     margin: NotNegative = 0.0,
     exempt: Joints = [],  # noqa: B006  (read only)
-    exempt_windows: list[tuple[float, float]] | None = None,
+    exempt_windows: list[Window] | None = None,
 ) -> Masked:
     """Keep the proxy body out of the scene, floor included.
 
@@ -53,7 +53,7 @@ def swept_penetration(
     margin: NotNegative = 0.0,
     speed: NotNegative = 0.0,
     exempt: Joints = [],  # noqa: B006  (read only)
-    exempt_windows: list[tuple[float, float]] | None = None,
+    exempt_windows: list[Window] | None = None,
 ) -> Masked:
     """Keep the body's capsules out of the scene on their way from each frame to the next, thin walls included.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import torch
@@ -65,7 +66,9 @@ def joint_target(
         raise UserError(f"axes '{axes}' need a height, but 'position' states only [x, z]")
     points = motion.select(names)
     offset = (points - target)[..., ["xyz".index(axis) for axis in axes]]
-    return Masked(offset.flatten(-2), active, sizes=len(axes), labels=names, points=points)
+    free = target.new_tensor([0.0 if axis in axes else math.nan for axis in "xyz"])
+    targets = (target + free).expand(points.shape)
+    return Masked(offset.flatten(-2), active, sizes=len(axes), labels=names, points=points, targets=targets)
 
 
 def _along(track: TrackBase, joints: int, motion: Motion) -> tuple[Float[Tensor, "T n 3"], Bool[Tensor, "*b T n"]]:

@@ -12,7 +12,7 @@ from scenectl.cli.console import err, out
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
-    from scenes.sdf.free_space import FreeSpace
+    from scenes.sdf.settings import FreeSpace
     from scenes.world.scene import Scene
 
 

@@ -17,7 +17,7 @@ def check(
     """Validate tasks without a model: keys, scene, start, path, goals, times and places."""
     from scenectl.cli.console import out
     from scenectl.tasks.task import load_task
-    from scenes.world.floor import path_length
+    from scenes.world.floor.polyline import path_length
 
     allow(allow_code)
     for path in tasks:

@@ -25,10 +25,9 @@ def train(
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
 ) -> None:
     """Train one stage or all, compare small variants (sweep), or train what evaluates; what was stopped goes on."""
-    from scenectl.training.command import STAGES
+    from scenectl.generators.training import plan_of
     from scenectl.training.command import train as learn
 
-    known = ("all", *STAGES, "metric")
     if stage == "sweep":
         _sweep(data, config, output, iterations, threads, device)
         return
@@ -37,21 +36,21 @@ def train(
 
         out.print(f"the weights are in {train_evaluator(data, output)}")
         return
+    plan = plan_of(config)
+    known = ("all", *plan.commands, "sweep", "evaluator")
     if stage not in known:
-        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, (*known, 'sweep', 'evaluator'))}")
-    folder = learn(stage, data, config, output, iterations, text, threads, device)
+        raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
+    folder = learn(stage, data, config, output, iterations, text, threads, device, plan=plan)
     out.print(f"the run is in {folder}")
 
 
 def _sweep(data: Path, config: str, output: Path, iterations: int | None, threads: int | None, device: str) -> None:
     import torch
 
-    from scenectl.generators.mscot.training.sweep import train_sweep
-    from scenectl.training.placement import place
-    from scenectl.training.recipe import load_recipe
+    from scenectl.generators.training import plan_of
+    from scenectl.training.sweep import train_sweep
 
     if threads is not None:
         torch.set_num_threads(threads)
-    where = place(device, load_recipe(config).precision)
-    rows = train_sweep(data, config, output, iterations or 1000, where, say)
+    rows = train_sweep(data, config, output, iterations or 1000, device, say, plan=plan_of(config))
     show({"rows": rows, "summary": {"table": str(output / "sweep.md")}})

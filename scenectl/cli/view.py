@@ -36,4 +36,4 @@ def view(
         picture.draw(png, at=at, show_slice=show_slice, clearance=clearance, show_signs=signs)
         out.print(f"wrote {png}")
     else:
-        picture.window(show_slice=show_slice, show_signs=signs)
+        viewer.open_window(picture, show_slice=show_slice, show_signs=signs)

@@ -23,24 +23,24 @@ class SolverSettings(BaseModel):
     """How refinement searches (Eq. 12).
 
     Attributes:
-        name: "auto" (default) takes what fits the goals: "lm" (Levenberg-Marquardt in dual form) for few equations and
-            walls that few of them meet, "gauss_newton" (by conjugate gradients) for many, "lbfgs" where there are many
-            and walls; "lm" goes on as "lbfgs" where walls wake by the dozen, with the steps that are left. Or
-            "adam", or "gradient": the paper's ascent with a constant step.
-        iterations: at most this many steps (a tenth where "auto" takes Gauss-Newton, whose are long); 0 switches
-            refinement off.
+        name: "auto" (default) takes what fits the goals at the step's prices: "lm" (Levenberg-Marquardt in dual form)
+            for few equations and few walls, "gauss_newton" (by conjugate gradients) for many equations, "lbfgs" for
+            many equations and walls, or where products are dear; "lm" goes on as "lbfgs" where walls wake by the
+            dozen, with the steps that are left. Or "adam", or "gradient": the paper's ascent with a constant step.
+        iterations: at most this many steps (a tenth where "auto" takes Gauss-Newton, whose steps take many
+            passes each); 0 switches refinement off.
         step: step size; by default 0.05 for Adam and the paper's 0.01 for gradient ascent. L-BFGS finds its own.
-        prior: pull towards where a search begins, in units of cost per squared distance in the step's coordinates:
-            keeps what goals leave free as the generator made it.
-        patience: steps in a row without progress worth `progress` after which the search ends.
+        prior: pull towards where a search begins, in cost per squared distance, of which the step states the unit
+            (`Step.unit`): keeps what goals leave free as the generator made it.
+        patience: steps in a row that decrease the cost by less than `progress` after which the search ends.
         progress: relative decrease of the cost that counts as progress.
         enough: samples of a batch that meet all goals after which the others are abandoned; by default none is. Set it
             to 1 where only the best of several samples is wanted.
-        lead: steps at most, at first, in which only goals that pull (targets, paths) are heeded until they are met,
+        lead: steps at most, at first, in which only goals that pull (targets, paths) count, until they are met,
             where there are others too: walls that count from the start can hold a body on their wrong side.
         natural: where goals could be met only by stretching bones or lifting feet that stood, refine once more with
-            pulls that don't grow with distance and a cost on both (`scenectl.control.refine.natural`); where goals lead a
-            body past walls, count bones and feet that shuffle once they have led.
+            pulls that don't grow with distance and a cost on both (`scenectl.control.refine.body_costs`); where goals
+            lead a body past walls, count bones and feet that shuffle once they have led.
         polish: leave the last centimetre of targets to a smooth move of joints, which needs no decoder
             (`scenectl.control.refine.polish`).
     """

@@ -11,20 +11,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
+from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Price, Step
 from scenes.motion.motion import Motion
 
 UNKNOWNS = 3
 """A sample's move: x and z (m), and yaw about the vertical through the pivot (rad)."""
-HEADINGS = 8
-"""Directions that are tried where nothing is known yet: costs have several valleys in yaw."""
-_FIT = SolverSettings(name="lbfgs", iterations=30, prior=0.0, patience=3, progress=1e-3)
+_FIT = SolverSettings(name="lbfgs", prior=0.0, patience=3, progress=1e-3)
+"""Without a prior: a start is as good anywhere, and all the goals' own."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +41,25 @@ class FreeStart:
         """Motions ``[S, T, J, 3]`` turned about the pivot and shifted, each by its own move."""
         return replace(motion, joints=_moved(motion.joints, moves, self.pivot))
 
-    def fit(self, motion: Motion, cost: Callable[[Motion], Float[Tensor, " S"]]) -> Float[Tensor, "S 3"]:
-        """The moves that suit a motion best: least cost of searches from several headings, all in one batch."""
-        samples = len(motion.joints)
-        joints, valid = motion.joints.detach().repeat(HEADINGS, 1, 1, 1), motion.valid.repeat(HEADINGS, 1)
+    def fit(
+        self,
+        motion: Motion,
+        cost: Callable[[Motion], Float[Tensor, " S"]],
+        thresholds: Thresholds = THRESHOLDS,
+    ) -> Float[Tensor, "S 3"]:
+        """The moves of least cost for a motion: searches from several headings in one batch, as costs have several
+        valleys in yaw.
+        """
+        samples, headings = len(motion.joints), int(thresholds.headings)
+        joints, valid = motion.joints.detach().repeat(headings, 1, 1, 1), motion.valid.repeat(headings, 1)
         turned = replace(motion, joints=joints, valid=valid)
-        begin = joints.new_zeros(HEADINGS * samples, UNKNOWNS)
-        begin[:, -1] = torch.arange(HEADINGS).repeat_interleave(samples).to(begin) * (2 * torch.pi / HEADINGS)
-        found = minimise(Problem(lambda moves: cost(self.moved(turned, moves)), begin, _never), _FIT)
-        best = found.cost.unflatten(0, (HEADINGS, samples)).argmin(0)
-        moves: Tensor = found.value.unflatten(0, (HEADINGS, samples))[best, torch.arange(samples, device=best.device)]
+        begin = joints.new_zeros(headings * samples, UNKNOWNS)
+        yaws = torch.arange(headings, device=joints.device).repeat_interleave(samples)
+        begin[:, -1] = yaws.to(begin) * (2 * torch.pi / headings)
+        settings = _FIT.model_copy(update={"iterations": int(thresholds.heading_steps)})
+        found = minimise(Problem(lambda moves: cost(self.moved(turned, moves)), begin), settings, thresholds)
+        best = found.cost.unflatten(0, (headings, samples)).argmin(0)
+        moves: Tensor = found.value.unflatten(0, (headings, samples))[best, torch.arange(samples, device=best.device)]
         return moves
 
 
@@ -81,6 +90,9 @@ class MovedStep:
 
     def at(self, value: Float[Tensor, "S m"]) -> MovedStep:
         return MovedStep(value, self.inner.at(self._inner(value)), self.start)
+
+    def take(self, samples: Int[Tensor, " s"]) -> MovedStep:
+        return MovedStep(self.value[samples], self.inner.take(samples), self.start)
 
     @property
     def motion(self) -> Motion:
@@ -132,7 +144,3 @@ def _turned(vectors: Float[Tensor, "*r S T J 3"], yaw: Float[Tensor, " S"]) -> F
     c, s = yaw.cos()[:, None, None], yaw.sin()[:, None, None]
     x, y, z = vectors.unbind(-1)
     return torch.stack([c * x + s * z, y, c * z - s * x], dim=-1)
-
-
-def _never(moves: Tensor) -> Tensor:
-    return torch.zeros(len(moves), dtype=torch.bool, device=moves.device)

@@ -158,7 +158,7 @@ def bent(clip: Clip, curvature: float) -> Clip:
 def retimed(clip: Clip, speed: float) -> Clip:
     """The clip played `speed` times as fast, linearly resampled to 20 fps."""
     frames = max(2, round((clip.frames - 1) / speed) + 1)
-    at = torch.linspace(0, clip.frames - 1, frames)
+    at = torch.linspace(0, clip.frames - 1, frames, device=clip.joints.device)
     low = at.floor().long().clamp_max(clip.frames - 2)
     part = (at - low)[:, None, None]
     joints = clip.joints[low] * (1 - part) + clip.joints[low + 1] * part

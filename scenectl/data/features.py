@@ -11,10 +11,11 @@ from __future__ import annotations
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from scenes.errors import UserError
+from scenes.motion.headings import heading_across, heading_of, rotation_about_y
+from scenes.motion.rotations import rotated, rotation_between
 from scenes.motion.skeleton import HUMANML3D
 
 FEATURES = 263
@@ -63,9 +64,9 @@ def joints_to_features(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T-1 26
     unturn = rotation_about_y(-heading)  # world to heading frame, [T, 3, 3]
     root = joints[:, 0]
     yaw = -torch.remainder(heading[1:] - heading[:-1] + torch.pi, 2 * torch.pi) + torch.pi
-    root_step = _turn(unturn[1:], root[1:] - root[:-1])[:, [0, 2]]
+    root_step = rotated(unturn[1:], root[1:] - root[:-1])[:, [0, 2]]
     ground = root * root.new_tensor([1.0, 0.0, 1.0])
-    local = _turn(unturn[:, None], joints - ground[:, None])
+    local = rotated(unturn[:, None], joints - ground[:, None])
     step = joints[1:] - joints[:-1]
     feet = HUMANML3D.indices(CONTACT_JOINTS)
     contact = step[:, feet].square().sum(-1) < CONTACT_THRESHOLD
@@ -76,7 +77,7 @@ def joints_to_features(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T-1 26
             root[:-1, 1:2],
             local[:-1, 1:].flatten(1),
             _rotations_6d(joints, unturn)[:-1].flatten(1),
-            _turn(unturn[:-1, None], step).flatten(1),
+            rotated(unturn[:-1, None], step).flatten(1),
             contact.to(joints),
         ],
         dim=-1,
@@ -93,10 +94,10 @@ def features_to_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T
     step = features[..., ROOT_VELOCITY]
     step = torch.stack([step[..., 0], torch.zeros_like(step[..., 0]), step[..., 1]], dim=-1)
     # The displacement in row t-1 is seen from the heading of frame t, hence the shift by one.
-    moved = _turn(turn[..., 1:, :, :], step[..., :-1, :])
+    moved = rotated(turn[..., 1:, :, :], step[..., :-1, :])
     ground = torch.cat([torch.zeros_like(moved[..., :1, :]), moved.cumsum(-2)], dim=-2)
     local = features[..., POSITIONS].unflatten(-1, (JOINTS - 1, 3))
-    others = _turn(turn[..., None, :, :], local) + ground[..., None, :]
+    others = rotated(turn[..., None, :, :], local) + ground[..., None, :]
     up = features.new_tensor([0.0, 1.0, 0.0])
     root = ground + features[..., ROOT_HEIGHT] * up
     return torch.cat([root[..., None, :], others], dim=-2)
@@ -113,8 +114,8 @@ def canonicalise(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T 22 3"]:
     root = joints[0, 0]
     lowest = joints[..., 1].min()
     joints = joints - torch.stack([root[0], lowest, root[2]])
-    facing = _heading(_across(joints[:1], swapped=False))
-    return _turn(rotation_about_y(-facing)[:, None], joints)
+    facing = heading_across(-_across(joints[:1], swapped=False))
+    return rotated(rotation_about_y(-facing)[:, None], joints)
 
 
 def to_uniform_skeleton(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T 22 3"]:
@@ -138,12 +139,14 @@ def smoothed_heading(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, " T"]:
     HumanML3D takes the hips the wrong way round here (and only here); published features and statistics
     carry that, so it is kept.
     """
+    from scipy.ndimage import gaussian_filter1d  # 0.2 s to import, and generating motions needs none of it
+
     across = _across(joints, swapped=True)
     across = across / across.norm(dim=-1, keepdim=True).clamp_min(1e-8)
     forward = torch.stack([across[:, 2], torch.zeros_like(across[:, 0]), -across[:, 0]], dim=-1)
     smooth = gaussian_filter1d(forward.detach().cpu().numpy(), HEADING_SIGMA, axis=0, mode="nearest")
     smooth_forward = torch.from_numpy(np.ascontiguousarray(smooth)).to(joints)
-    heading = torch.atan2(smooth_forward[:, 0], smooth_forward[:, 2])
+    heading = heading_of(smooth_forward)
     return torch.cat([torch.zeros_like(heading[:1]), heading[1:]])
 
 
@@ -151,23 +154,6 @@ def _across(joints: Float[Tensor, "T 22 3"], *, swapped: bool) -> Float[Tensor, 
     """Vector from left to right through hips and shoulders."""
     hips = joints[:, _RIGHT_HIP] - joints[:, _LEFT_HIP]
     return (-hips if swapped else hips) + joints[:, _RIGHT_SHOULDER] - joints[:, _LEFT_SHOULDER]
-
-
-def _heading(across: Float[Tensor, "T 3"]) -> Float[Tensor, " T"]:
-    """Angle about +y of up x across."""
-    return torch.atan2(across[:, 2], -across[:, 0])
-
-
-def rotation_about_y(angle: Float[Tensor, "*b"]) -> Float[Tensor, "*b 3 3"]:
-    """Rotation matrices about +y; angle in radians, +z turns towards +x."""
-    c, s, zero, one = angle.cos(), angle.sin(), torch.zeros_like(angle), torch.ones_like(angle)
-    rows = torch.stack([c, zero, s, zero, one, zero, -s, zero, c], dim=-1)
-    return rows.unflatten(-1, (3, 3))
-
-
-def _turn(rotation: Float[Tensor, "*c 3 3"], vectors: Float[Tensor, "*d 3"]) -> Float[Tensor, "*e 3"]:
-    # A broadcast product: batched 3 x 3 matrix products are many times slower on a CPU.
-    return (rotation * vectors[..., None, :]).sum(-1)
 
 
 def _rotations_6d(joints: Float[Tensor, "T 22 3"], unturn: Float[Tensor, "T 3 3"]) -> Float[Tensor, "T 21 6"]:
@@ -185,40 +171,6 @@ def _rotations_6d(joints: Float[Tensor, "T 22 3"], unturn: Float[Tensor, "T 3 3"
             out[joint] = torch.cat([relative[..., 0], relative[..., 1]], dim=-1)
             before = now
     return torch.stack([rotation for rotation in out[1:] if rotation is not None], dim=1)
-
-
-def rotation_between(a: Float[Tensor, "*b 3"], b: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
-    """The smallest rotation that takes direction a to direction b (any half turn where they oppose)."""
-    a = a / a.norm(dim=-1, keepdim=True).clamp_min(1e-8)
-    b = b / b.norm(dim=-1, keepdim=True).clamp_min(1e-8)
-    half = a + b
-    length = half.norm(dim=-1, keepdim=True)
-    # Opposed directions leave the axis free: any one at right angles to a.
-    side = torch.linalg.cross(a, torch.eye(3).to(a)[a.abs().argmin(-1)])
-    half = torch.where(length > 1e-6, half / length.clamp_min(1e-6), torch.zeros_like(half))
-    w = (a * half).sum(-1, keepdim=True)
-    xyz = torch.where(length > 1e-6, torch.linalg.cross(a, half), side / side.norm(dim=-1, keepdim=True))
-    return _matrix(torch.cat([w, xyz], dim=-1))
-
-
-def _matrix(quaternion: Float[Tensor, "*b 4"]) -> Float[Tensor, "*b 3 3"]:
-    """Rotation matrix of a unit quaternion, w first."""
-    w, x, y, z = quaternion.unbind(-1)
-    rows = torch.stack(
-        [
-            1 - 2 * (y * y + z * z),
-            2 * (x * y - w * z),
-            2 * (x * z + w * y),
-            2 * (x * y + w * z),
-            1 - 2 * (x * x + z * z),
-            2 * (y * z - w * x),
-            2 * (x * z - w * y),
-            2 * (y * z + w * x),
-            1 - 2 * (x * x + y * y),
-        ],
-        dim=-1,
-    )
-    return rows.unflatten(-1, (3, 3))
 
 
 _MIRROR = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenectl.data.corpus import Clip
-from scenectl.data.features import FEATURES, FPS, features_to_joints
+from scenectl.data.features import FEATURES, FPS
 from scenes.errors import UserError, did_you_mean
 
 SPLITS = ("train", "val", "test")
@@ -65,19 +63,6 @@ class FeatureClip:
     captions: tuple[Caption, ...]
     mirrored: bool
     split: str
-
-    def to_clip(self) -> Clip:
-        """The same as joints, for what trains on joints."""
-        return Clip(
-            id=f"humanml3d_{self.id}",
-            joints=features_to_joints(self.features),
-            captions=tuple(caption.text for caption in self.captions),
-            source="humanml3d",
-            split=self.split,
-            label="humanml3d",
-            licence=LICENCE,
-            commercial_ok=False,
-        )
 
 
 class HumanML3D:
@@ -146,7 +131,7 @@ class HumanML3D:
 
     def _parts(self, name: str, split: str) -> Iterator[FeatureClip]:
         motion, text = self._paths(name)
-        features = torch.from_numpy(_array(motion, rows=True))
+        features = torch.from_numpy(_rows(motion))
         parts: dict[tuple[float, float], list[Caption]] = {}
         for caption in read_captions(text):
             parts.setdefault((caption.start, caption.end), []).append(caption)
@@ -155,33 +140,6 @@ class HumanML3D:
             rows = features if whole else features[int(start * FPS) : int(end * FPS)]
             label = name if whole else f"{name}@{start:g}-{end:g}"
             yield FeatureClip(label, rows, tuple(captions), name.startswith("M"), split)
-
-    @cached_property
-    def mean(self) -> Float[Tensor, "263"]:
-        """Mean of each feature, from Mean.npy."""
-        return torch.from_numpy(_array(self.folder / "Mean.npy", rows=False))
-
-    @cached_property
-    def std(self) -> Float[Tensor, "263"]:
-        """Standard deviation of each feature, averaged within each group of the layout, from Std.npy."""
-        std = torch.from_numpy(_array(self.folder / "Std.npy", rows=False))
-        if not bool((std > 0).all()):
-            raise UserError(f"'{self.folder / 'Std.npy'}' holds values that are not positive; it is not the data set's")
-        return std
-
-    def normalise(self, features: Float[Tensor, "*b 263"]) -> Float[Tensor, "*b 263"]:
-        """Features with mean 0 and deviation 1 over the data set."""
-        return (features - self.mean.to(features)) / self.std.to(features)
-
-    def denormalise(self, features: Float[Tensor, "*b 263"]) -> Float[Tensor, "*b 263"]:
-        """The inverse of `normalise`."""
-        return features * self.std.to(features) + self.mean.to(features)
-
-
-def load_humanml3d(folder: str | Path, splits: tuple[str, ...] = ("train",), mirrored: bool = True) -> list[Clip]:
-    """All clips of some splits as joints (about 2 kB a frame in memory); errors as `HumanML3D.clips`."""
-    data = HumanML3D(folder)
-    return [clip.to_clip() for split in splits for clip in data.clips(split, mirrored=mirrored)]
 
 
 def read_captions(path: str | Path) -> list[Caption]:
@@ -216,16 +174,16 @@ def _caption(line: str, where: str) -> Caption:
     return Caption(fields[0].strip(), tuple(fields[1].split()), start, end)
 
 
-def _array(path: Path, *, rows: bool) -> np.ndarray:
-    """A float32 array ``[T, 263]`` with `rows`, else ``[263]``."""
+def _rows(path: Path) -> np.ndarray:
+    """A float32 array ``[T, 263]``."""
     try:
         array = np.load(path, allow_pickle=False)
     except FileNotFoundError:
         raise UserError(f"HumanML3D file '{path}' does not exist") from None
     except (OSError, ValueError, EOFError) as error:
         raise UserError(f"HumanML3D file '{path}' is not a NumPy array ({error})") from error
-    if not isinstance(array, np.ndarray) or array.ndim != 1 + rows or array.dtype.kind != "f":
-        raise UserError(f"HumanML3D file '{path}' is not an array of {'[T, 263]' if rows else '[263]'} floats")
+    if not isinstance(array, np.ndarray) or array.ndim != 2 or array.dtype.kind != "f":
+        raise UserError(f"HumanML3D file '{path}' is not an array of [T, 263] floats")
     if array.shape[-1] != FEATURES:
         hint = "; these look like KIT's" if array.shape[-1] == 251 else ""
         raise UserError(f"HumanML3D file '{path}' has {array.shape[-1]} features a frame instead of {FEATURES}{hint}")

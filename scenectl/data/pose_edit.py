@@ -40,7 +40,7 @@ def crouched(clip: Clip, draw: random.Random) -> Clip | None:
 def ducking(clip: Clip, draw: random.Random) -> Clip | None:
     """The clip with a duck somewhere in it, as under a bar."""
     depth = draw.uniform(0.2, 0.42)
-    envelope = _bump(clip.frames, draw, hold=(0.2, 0.7))
+    envelope = _bump(clip.joints, draw, hold=(0.2, 0.7))
     if envelope is None:
         return None
     how = draw.choice(["and ducks under something", "and ducks down on the way", "ducking under a bar"])
@@ -71,7 +71,7 @@ def reaching(clip: Clip, draw: random.Random) -> Clip | None:
         draw.choice(["left", "right"]),
         draw.choice([(-0.35, "down"), (0.0, "forward"), (0.45, "up")]),
     )
-    envelope = _bump(clip.frames, draw, hold=(0.3, 1.0))
+    envelope = _bump(clip.joints, draw, hold=(0.3, 1.0))
     if envelope is None:
         return None
     outwards = draw.uniform(-0.1, 0.25) * (1.0 if side == "left" else -1.0)
@@ -91,14 +91,16 @@ def _edited(clip: Clip, name: str, how: str, joints: Float[Tensor, "T 22 3"]) ->
     return replace(clip, id=f"{clip.id}~{name}", joints=joints, captions=captions, label=f"{clip.label}, {name}")
 
 
-def _bump(frames: int, draw: random.Random, hold: tuple[float, float]) -> Float[Tensor, " T"] | None:
+def _bump(
+    joints: Float[Tensor, "T 22 3"], draw: random.Random, hold: tuple[float, float]
+) -> Float[Tensor, " T"] | None:
     """0, smoothly up to 1, held, down again, somewhere inside the clip; None where the clip is too short."""
     rise, still = draw.uniform(0.45, 0.7) * FPS, draw.uniform(*hold) * FPS
-    slack = frames - 1 - 2 * rise - still
+    slack = len(joints) - 1 - 2 * rise - still
     if slack < 0:
         return None
     begin = draw.uniform(0.0, slack)
-    t = torch.arange(frames, dtype=torch.float32) - begin
+    t = torch.arange(len(joints), dtype=torch.float32, device=joints.device) - begin
     ramp = torch.minimum(t / rise, (2 * rise + still - t) / rise).clamp(0.0, 1.0)
     return ramp**3 * (ramp * (6 * ramp - 15) + 10)
 
@@ -111,17 +113,16 @@ def _lowered(
     # The seat goes back as the chest comes forward, or the body would topple.
     shift = torch.stack([torch.zeros_like(depth), -depth, torch.zeros_like(depth)], -1) - 0.3 * depth[:, None] * forward
     leant = _pitched(joints, left, pitch)
-    still = torch.zeros(len(joints), 2, 3)
-    return _with_legs(leant, shift, still)
+    return _with_legs(leant, shift, joints.new_zeros(len(joints), 2, 3))
 
 
 def _axes(joints: Float[Tensor, "T 22 3"]) -> tuple[Float[Tensor, "T 3"], Float[Tensor, "T 3"]]:
     """Level unit vectors to the person's left and forward, by hips and shoulders."""
     pairs = [(_INDEX["left_hip"], _INDEX["right_hip"]), (_INDEX["left_shoulder"], _INDEX["right_shoulder"])]
-    left = sum((joints[:, a] - joints[:, b] for a, b in pairs), torch.zeros(len(joints), 3))
+    left = sum((joints[:, a] - joints[:, b] for a, b in pairs), joints.new_zeros(len(joints), 3))
     left = left * left.new_tensor([1.0, 0.0, 1.0])
     left = left / left.norm(dim=-1, keepdim=True).clamp_min(1e-6)
-    return left, torch.linalg.cross(left, torch.tensor([[0.0, 1.0, 0.0]]).expand_as(left))
+    return left, torch.linalg.cross(left, left.new_tensor([[0.0, 1.0, 0.0]]).expand_as(left))
 
 
 def _pitched(
@@ -164,10 +165,10 @@ def _with_legs(
     reach = joints[:, hips] + body[:, None] - joints[:, ankles] - feet
     level = reach[..., [0, 2]].square().sum(-1)
     spare = reach[..., 1] - (length**2 - level).clamp_min(0.0).sqrt()
-    drop = spare.amax(1).clamp_min(0.0).numpy()
+    drop = spare.amax(1).clamp_min(0.0).cpu().numpy()
     if drop.max() > 0:
         drop = gaussian_filter1d(maximum_filter1d(drop, 9), 2.0)
-    body = body - torch.as_tensor(drop)[:, None] * body.new_tensor([0.0, 1.0, 0.0])
+    body = body - torch.as_tensor(drop, device=body.device)[:, None] * body.new_tensor([0.0, 1.0, 0.0])
     moved = joints + body[:, None]
     _, forward = _axes(joints)
     for s, (hip, knee, ankle, foot) in enumerate(_LEGS):

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
-from scenectl.data.features import canonicalise, rotation_about_y, smoothed_heading, to_uniform_skeleton
+from scenectl.data.features import canonicalise, smoothed_heading, to_uniform_skeleton
+from scenes.motion.headings import rotation_about_y
 
 SHORTEST_LOOP = 12
 """Frames of a loop at least; half a second holds a running stride."""
@@ -36,7 +37,7 @@ def repeated(clip: Clip, draw: random.Random, frames: tuple[int, int] = (120, 20
     rounds = max(1, round((wanted - clip.frames) / (last - first)))
     for i in range(rounds):
         piece = joints[first : last + 1] if i + 1 < rounds else joints[first:]
-        turn = rotation_about_y(torch.tensor(facing - float(heading[first])))
+        turn = rotation_about_y(joints.new_tensor(facing - float(heading[first])))
         placed = _continued(piece, at, turn)
         out = torch.cat([out, placed[:-1] if i + 1 < rounds else placed])
         at, facing = placed[-1], facing + float(heading[last]) - float(heading[first])
@@ -56,7 +57,7 @@ def _loop(joints: Float[Tensor, "T 22 3"]) -> tuple[int, int] | None:
     begins, ends = slice(0, half), slice(half, frames)
     distance = (pose[ends, None] - pose[None, begins]).norm(dim=-1).mean(-1)
     distance = distance + (velocity[ends, None] - velocity[None, begins]).norm(dim=-1).mean(-1)
-    length = torch.arange(half, frames)[:, None] - torch.arange(half)
+    length = torch.arange(half, frames, device=joints.device)[:, None] - torch.arange(half, device=joints.device)
     distance = torch.where(length >= SHORTEST_LOOP, distance, torch.inf)
     best = int(distance.argmin())
     end, begin = divmod(best, half)
@@ -67,5 +68,5 @@ def _continued(piece: Float[Tensor, "N 22 3"], at: Float[Tensor, "22 3"], turn: 
     """The piece moved so that it begins in the pose `at`: rigidly, but for an offset that dies out."""
     floor = piece.new_tensor([1.0, 0.0, 1.0])
     placed = (turn @ (piece - piece[0, 0] * floor)[..., None])[..., 0] + at[0] * floor
-    rest = (1 - torch.arange(len(piece)) / BLEND).clamp_min(0.0)
+    rest = (1 - torch.arange(len(piece), device=piece.device) / BLEND).clamp_min(0.0)
     return placed + (3 * rest**2 - 2 * rest**3)[:, None, None] * (at - placed[0])

@@ -123,7 +123,7 @@ class GuoEvaluator:
         return torch.cat([self._motions(motions[i : i + 64]) for i in range(0, len(motions), 64)])
 
     def _motions(self, motions: Sequence[Float[Tensor, "_T 263"]]) -> Float[Tensor, "B 512"]:
-        batch = Padded.of(motions)
+        batch = Padded.of(motions, LONGEST)
         rows = (batch.features - self.mean) / self.std * batch.mask(1)[..., None]
         rows = F.pad(rows, (0, 0, 0, LONGEST - rows.shape[1]))
         out: Tensor = self.network.motion_encoder(self.network.movement_encoder(rows), batch.lengths // STRIDE)

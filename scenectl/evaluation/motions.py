@@ -18,6 +18,9 @@ STRIDE = 4
 LONGEST = 196
 """Frames of HumanML3D's longest motions; evaluators read no more."""
 
+SHORTEST, LONGEST = 36, 196
+"""Frames of the motions that evaluations look at; longer ones are cut (HumanML3D's evaluators know up to 196)."""
+
 
 @dataclass(frozen=True)
 class Padded:
@@ -35,12 +38,12 @@ class Padded:
     def of(cls, clips: Sequence[Float[Tensor, "_T 263"]], longest: int = LONGEST) -> Padded:
         """Clips of any lengths from `STRIDE` frames on, cut to `longest` and to a multiple of `STRIDE`."""
         cut = [clip[: min(len(clip), longest) // STRIDE * STRIDE] for clip in clips]
-        lengths = torch.tensor([len(clip) for clip in cut])
+        lengths = torch.tensor([len(clip) for clip in cut], device=cut[0].device)
         return cls(nn.utils.rnn.pad_sequence(cut, batch_first=True), lengths)
 
     def mask(self, step: int) -> Bool[Tensor, "B N"]:
         """True where a row at every `step`-th frame is real."""
-        return torch.arange(self.features.shape[1] // step) < self.lengths[:, None] // step
+        return torch.arange(self.features.shape[1] // step, device=self.lengths.device) < self.lengths[:, None] // step
 
 
 class EncoderConfig(BaseModel):

@@ -11,11 +11,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from scenectl.data.clips import ClipSet
 from scenectl.data.features import FPS, features_to_joints, joints_to_features
 from scenectl.evaluation.motions import STRIDE
 from scenectl.generators.base import Generator, Progress, silent
 from scenectl.generators.spec import Spec
-from scenectl.training.dataset import Windows
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
 
@@ -48,7 +48,7 @@ class HeldOut:
     kinds: list[str]
 
     @classmethod
-    def of(cls, windows: Windows, spec: Spec, seed: int, most: int | None = None) -> HeldOut:
+    def of(cls, windows: ClipSet, spec: Spec, seed: int, most: int | None = None) -> HeldOut:
         """All clips that are as long as a generator's shortest motion, or `most` of them at random.
 
         Raises:

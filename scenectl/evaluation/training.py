@@ -11,15 +11,14 @@ from pydantic import BaseModel, ConfigDict
 from torch import Tensor, nn
 
 from scenectl.data.augment import Augmentation
+from scenectl.data.clips import ClipSet, prepare
 from scenectl.evaluation import contrastive, kinds
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig
 from scenectl.evaluation.kinds import KindClassifier
-from scenectl.evaluation.motions import Padded
-from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
-from scenectl.generators.mscot.training.transformer import Captions
+from scenectl.evaluation.motions import LONGEST, SHORTEST, Padded
 from scenectl.networks.checkpoint import save_weights
 from scenectl.networks.text import load_text_encoder
-from scenectl.training.dataset import Windows, prepare
+from scenectl.training.captions import Captions
 from scenectl.training.loop import Figures, Loop, LoopSettings
 
 MIRRORED = Augmentation(mirror=True, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
@@ -52,14 +51,14 @@ def train_evaluator(data: Path, out: Path, seed: int = 0, settings: EvaluatorTra
         settings: lengths and speeds.
     """
     settings = settings or EvaluatorTraining()
-    windows = prepare(data, ["train"], MIRRORED, out / "data", seed)
-    whole = _Whole(windows, settings)
+    clips = prepare(data, ["train"], MIRRORED, out / "data", seed)
+    whole = _Whole(clips, settings)
     loops = {
         contrastive.FILE: _train_contrastive(whole, out, seed),
         kinds.FILE: _train_kinds(whole, out, seed),
     }
     folder = out / "weights"
-    licence, credits = windows.terms()
+    licence, credits = clips.terms()
     for file, loop in loops.items():
         about = {"config": _config(loop.averaged), "licence": licence, "credits": credits, "part": Path(file).stem}
         save_weights(loop.averaged, folder / file, about, half=True)
@@ -77,11 +76,11 @@ def _config(module: nn.Module) -> dict[str, object]:
 class _Whole:
     """Draws clips nearly whole, each kind of motion with the square root of its size."""
 
-    data: Windows
+    data: ClipSet
     settings: EvaluatorTraining
 
     def __post_init__(self) -> None:
-        self.clips = (self.data.lengths >= MIN_FRAMES).nonzero()[:, 0]
+        self.clips = (self.data.lengths >= SHORTEST).nonzero()[:, 0]
         names = [self.data.groups[i] for i in self.clips.tolist()]
         counts = torch.tensor([float(names.count(name)) for name in names])
         self.weights = counts.rsqrt()
@@ -90,7 +89,7 @@ class _Whole:
     def draw(self, batch: int, generator: torch.Generator) -> tuple[Padded, Int[Tensor, " B"]]:
         chosen = self.clips[torch.multinomial(self.weights, batch, replacement=True, generator=generator)]
         share, place = torch.rand(2, batch, generator=generator)
-        whole = self.data.lengths[chosen].clamp_max(MAX_FRAMES)
+        whole = self.data.lengths[chosen].clamp_max(LONGEST)
         length = (whole * torch.lerp(torch.tensor(self.settings.shortest), torch.tensor(1.0), share)).long()
         first = self.data.starts[chosen] + (place * (self.data.lengths[chosen] - length + 1)).long()
         rows = [self.data.features[a : a + n] for a, n in zip(first.tolist(), length.tolist(), strict=True)]

@@ -17,11 +17,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from scenectl.data.features import rotation_between
 from scenectl.data.joint_names import match_joints
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.motion.motion import Motion
+from scenes.motion.rotations import rotation_between
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "cmu": 0.0254 / 0.45}

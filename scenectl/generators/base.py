@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from scenectl.generators.conditions import Conditions
@@ -56,7 +56,11 @@ class Step(Protocol):
         ...
 
     def at(self, value: Float[Tensor, "S *v"]) -> Step:
-        """The same step with another value, of as many samples or of fewer; products are taken there."""
+        """The same step with another value, of as many samples; products are taken there."""
+        ...
+
+    def take(self, samples: Int[Tensor, " s"]) -> Step:
+        """The same step of some samples; asked of the last step of a draft."""
         ...
 
     @property

@@ -16,7 +16,6 @@ from scenes.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from scenectl.generators.base import Generator
-    from scenectl.generators.weights import Weights
 
 MODULES = {"mscot": "scenectl.generators.mscot"}
 """Module of each family, which holds its `FAMILY`."""
@@ -37,15 +36,16 @@ class Family:
         spec: what it can do.
         settings: pydantic model of its sampling, whose keys stand beside `name` in a task's [generator].
         open: makes a generator of weights and settings; raises UserError where they do not fit.
-        weights: name of the bundled weights that "default" stands for, or a folder.
+        weights: name of the bundled weights that "default" stands for, or a folder; None where it has no weights, and
+            `open` is handed none.
         training: "module:attribute" of its `scenectl.training.stages.Training`; None where it cannot be trained here.
     """
 
     name: str
     spec: Spec
     settings: type[BaseModel]
-    open: Callable[[Weights, Any], Generator]
-    weights: str | Path = "default"
+    open: Callable[[Any, Any], Generator]
+    weights: str | Path | None = "default"
     training: str | None = None
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from scenectl.generators.prompts import Prompts
 from scenes.errors import UserError
+from scenes.motion.motion import Pose2D
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 Ability: TypeAlias = Literal["edit", "conditions", "sentences", "parts"]
@@ -48,8 +51,17 @@ class Spec:
         return round(self.shortest * self.fps)
 
 
-def check_samples(samples: int) -> int:
-    """The number of motions asked for; raises UserError where it is none."""
+def check_request(
+    name: str, spec: Spec, prompts: Prompts | str, seconds: float, start: Pose2D, samples: int
+) -> tuple[str, int]:
+    """What a family that takes one sentence is asked for: the sentence and the frames.
+
+    Raises:
+        UserError: several sentences or none, a length outside the spec's, a start that is no place, no sample.
+    """
+    text, frames = Prompts.of(prompts).single(name), spec.frames(seconds)
+    if not all(map(math.isfinite, (*start.position, start.heading))):
+        raise UserError(f"the start is {start.position}, heading {start.heading:g}; give finite metres and radians")
     if samples < 1:
         raise UserError(f"samples is {samples}; ask for at least 1")
-    return samples
+    return text, frames

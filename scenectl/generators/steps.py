@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from scenectl.generators.base import Price
@@ -41,6 +41,9 @@ class DecodedStep:
 
     def at(self, value: Float[Tensor, "S *v"]) -> DecodedStep:
         return replace(self, value=value)
+
+    def take(self, samples: Int[Tensor, " s"]) -> DecodedStep:
+        return self.at(self.value[samples])
 
     @property
     @torch.no_grad()
@@ -98,6 +101,9 @@ class LatentStep:
 
     def at(self, value: Float[Tensor, "S *v"]) -> LatentStep:
         return replace(self, value=value)
+
+    def take(self, samples: Int[Tensor, " s"]) -> LatentStep:
+        return self.at(self.value[samples])
 
     @cached_property
     @torch.no_grad()

@@ -13,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from scenectl.generators.registry import DEFAULT, Family, find
+from scenectl.generators.registry import DEFAULT, Family
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 
@@ -78,8 +78,16 @@ def weights_folder(name: str | Path) -> Path:
     raise UserError(f"no weights '{name}': neither a folder nor bundled{did_you_mean(str(name), known)}")
 
 
-def open_weights(family: Family, name: str | Path = "default") -> Weights:
-    """The weights of a family by name, or in a folder; raises UserError for damaged ones and for another family's."""
+def open_weights(family: Family, name: str | Path = "default") -> Weights | None:
+    """The weights of a family by name, or in a folder; None for a family that has none.
+
+    Raises:
+        UserError: there are none of that name, they are damaged, or another family's.
+    """
+    if family.weights is None:
+        if str(name) != "default":
+            raise UserError(f"generator '{family.name}' has no weights; leave '{name}' out")
+        return None
     found = described(weights_folder(family.weights if str(name) == "default" else name))
     if found.family != family.name:
         raise UserError(
@@ -108,8 +116,7 @@ def _by_headers(folder: Path) -> Weights:
 
     about = {path.stem: read_about(path) for path in sorted(folder.glob("*.safetensors"))}
     if not about:
-        parts = f"manifest.json and .safetensors files, such as {find(DEFAULT).name}'s"
-        raise UserError(f"'{folder}' holds no weights: it has no {parts}")
+        raise UserError(f"'{folder}' holds no weights: neither a manifest.json nor a .safetensors file")
     first = about.get("tokenizer") or next(iter(about.values()))
     try:
         config, licence = dict(first["config"]), str(first["licence"])

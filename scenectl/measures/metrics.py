@@ -18,10 +18,12 @@ from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.primitives import Plane
 from scenes.mesh.surface import Surface
+from scenes.motion.bones import bone_lengths
+from scenes.motion.headings import heading, turned
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import FEET as FEET
 from scenes.world.scene import Scene
 
-FEET = ("left_foot", "right_foot")
 FLOOR_BAND = 0.06
 """Level triangles within this height of the floor (m) are floor and not obstacle: scans, rugs and thresholds."""
 SHALLOW = 0.01
@@ -72,17 +74,13 @@ def pose_change(before: Motion, after: Motion) -> Float[Tensor, "*b"]:
 
 
 def _seen_from_pelvis(motion: Motion) -> Float[Tensor, "*b T J 3"]:
-    x, y, z = (motion.joints - motion.joint("pelvis")[..., None, :]).unbind(-1)
-    across = motion.joint("left_hip") - motion.joint("right_hip")
-    yaw = torch.atan2(across[..., 2], across[..., 0])[..., None]
-    c, s = yaw.cos(), yaw.sin()
-    return torch.stack([c * x + s * z, y, c * z - s * x], dim=-1)
+    away = motion.joints - motion.joint("pelvis")[..., None, :]
+    return turned(away, -heading(motion, ("hip",))[..., None])
 
 
 def bone_length_drift(motion: Motion) -> Float[Tensor, "*b"]:
     """Largest deviation (m) of any bone from its own median length over the valid frames."""
-    parents, children = zip(*motion.skeleton.bones, strict=True)
-    lengths = (motion.joints[..., list(children), :] - motion.joints[..., list(parents), :]).norm(dim=-1)
+    lengths = bone_lengths(motion)
     real = motion.valid[..., None].expand_as(lengths)
     median = torch.where(real, lengths, torch.nan).nanmedian(dim=-2, keepdim=True).values
     return torch.where(real, (lengths - median).abs(), 0.0).amax(dim=(-2, -1))

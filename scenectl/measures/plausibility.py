@@ -14,7 +14,9 @@ from objectives import Context
 from objectives.library.natural import joint_limits
 from scenectl.measures.metrics import bone_length_drift, max_acceleration, skating_ratio
 from scenes.body.body import DEFAULT_BODY, ProxyBody
+from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import FEET
 from scenes.world.scene import Scene
 
 AIRBORNE = 0.1
@@ -65,7 +67,7 @@ def floor_penetration(motion: Motion) -> Float[Tensor, "*b"]:
 
 def floating_share(motion: Motion) -> Float[Tensor, "*b"]:
     """Share of valid frames in which both feet have been in the air for longer than any jump lasts."""
-    feet = motion.select(("left_foot", "right_foot"))[..., 1].amin(-1)
+    feet = motion.select(FEET)[..., 1].amin(-1)
     lowest = torch.where(motion.valid, feet, torch.inf).amin(-1, keepdim=True)
     up = (feet - lowest > AIRBORNE) & motion.valid
     return _in_long_runs(up, round(FLIGHT * motion.fps)).sum(-1) / motion.valid.sum(-1).clamp_min(1)
@@ -99,9 +101,6 @@ def self_penetration(motion: Motion, body: ProxyBody = DEFAULT_BODY) -> Float[Te
 
 def _apart(body: ProxyBody) -> Bool[Tensor, "M M"]:
     """Pairs of the body's samples that are well apart at rest."""
-    rest = torch.zeros(1, len(body.skeleton.names), 3)
-    for joint, parent in enumerate(body.skeleton.parents):
-        if parent >= 0:
-            rest[:, joint] = rest[:, parent] + torch.as_tensor(body.skeleton.offsets[joint], dtype=torch.float32)
-    points, radii = body.points_of(rest)[0], body.radii()
+    rest = rest_pose(body.skeleton).float()
+    points, radii = body.points_of(rest), body.radii()
     return torch.cdist(points, points) > radii[:, None] + radii + NEIGHBOURLY

@@ -167,15 +167,8 @@ def refined(step: Step, guide: Guide, solver: SolverSettings) -> Motion:
     if solver.iterations == 0:
         return step.motion
     shape, start = step.value.shape, step.value.detach().flatten(1)
-
-    def cost(x: Tensor) -> Tensor:
-        away = (x - start).square().sum(1) / step.unit**2
-        return solver.prior * away - guide.log_prob(step.at(x.unflatten(1, shape[1:])))
-
-    def done(x: Tensor) -> Tensor:
-        return torch.zeros(len(x), dtype=torch.bool, device=x.device)
-
-    return step.at(minimise(Problem(cost, start, done), solver).value.unflatten(1, shape[1:])).motion
+    problem = Problem(lambda x: -guide.log_prob(step.at(x.unflatten(1, shape[1:]))), start, unit=step.unit)
+    return step.at(minimise(problem, solver).value.unflatten(1, shape[1:])).motion
 
 
 def near(mask: Bool[Tensor, " T"], frames: int) -> Bool[Tensor, " T"]:

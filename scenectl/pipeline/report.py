@@ -7,7 +7,7 @@ from typing import Any
 from scenectl.pipeline.results import FORMAT, Sample, plain_json
 from scenectl.tasks.setup import Setup
 from scenectl.version import __version__
-from scenes.world.floor import path_length
+from scenes.world.floor.polyline import path_length
 
 
 def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:

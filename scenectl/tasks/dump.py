@@ -25,18 +25,18 @@ def scene_table(scene: Scene) -> dict[str, Any] | str:
     objects = [_object_table(thing) for thing in scene.objects]
     if len(scene.meshes) > 1 or None in objects:
         return scene.name
-    facts: dict[str, Any] = {"resolution": scene.resolution, "primitives": shapes, "objects": objects}
+    facts: dict[str, Any] = {"resolution": scene.baking.resolution, "primitives": shapes, "objects": objects}
     if not scene.meshes:
         return {**facts, "floor": scene.stated_floor}
     mesh = scene.meshes[0]
     if not Path(mesh.source).is_file():
         return scene.name
-    voxels: dict[str, Any] = {"thickness": scene.thickness} if scene.thickness else {}
-    if scene.spacing is not None:
-        voxels["spacing"] = scene.spacing
+    voxels: dict[str, Any] = {"thickness": scene.baking.thickness} if scene.baking.thickness else {}
+    if scene.baking.spacing is not None:
+        voxels["spacing"] = scene.baking.spacing
     if Path(mesh.source).parent == BUNDLED:
         return {**facts, **voxels, "bundled": mesh.name}
-    told = {"unit": mesh.unit, "up": mesh.up, "floor": scene.stated_floor, "free_space": scene.free_space}
+    told = {"unit": mesh.unit, "up": mesh.up, "floor": scene.stated_floor, "free_space": scene.baking.free_space}
     return {**facts, "file": str(Path(mesh.source).resolve()), **voxels, **plain(told)}
 
 

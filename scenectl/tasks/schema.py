@@ -5,7 +5,7 @@ A task is data. Loading one reads files that it names and runs no code from any 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +24,9 @@ from scenes.body.proxies import load_body
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
-from scenes.world.floor import FreeArea, path_length, resample
+from scenes.validation import sentence
+from scenes.world.floor.planning import FreeArea
+from scenes.world.floor.polyline import path_length, resample
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
@@ -120,10 +122,10 @@ class SceneSpec(_Table):
             given = self.model_fields_set & {"unit", "up", "floor", "free_space"}
             if given:
                 raise UserError(f"scene: '{min(given)}' is known for the bundled scene '{self.bundled}'; leave it out")
-            return bundled(self.bundled, self.resolution, shapes, **more)
+            return bundled(self.bundled, shapes, resolution=self.resolution, **more)
         if self.file is not None:
-            told = (self.unit, self.up, self.floor, self.resolution, self.free_space)
-            return load_scene(self.file, *told, primitives=shapes, **more)
+            more |= {"resolution": self.resolution, "free_space": self.free_space}
+            return load_scene(self.file, self.unit, self.up, self.floor, shapes, **more)
         name = "primitives" if shapes else "objects" if objects else "empty"
         return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects)
 
@@ -228,10 +230,7 @@ class GeneratorSpec(_Table):
         try:
             return model.model_validate({key: value for key, value in given.items() if value is not None})
         except ValidationError as error:
-            first = error.errors()[0]
-            what = ".".join(map(str, first["loc"]))
-            message = first["msg"][:1].lower() + first["msg"][1:]
-            raise UserError(f"'generator.{what}' is {first['input']!r}: {message}") from error
+            raise UserError(f"[generator]: {sentence(error, given, model)}") from error
 
 
 class TaskTable(_Table):
@@ -270,7 +269,7 @@ class TaskTable(_Table):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise UserError(_sentence(error, data)) from error
+            raise UserError(sentence(error, data, TaskTable, hidden=("folder",))) from error
         if self.walk is not None and isinstance(self.start, Start) and self.start.free:
             raise UserError("start: 'free' cannot be solved for with a [walk], which is planned from it; keep one")
         spec = self.generator.family.spec
@@ -370,51 +369,3 @@ def _shape(table: Mapping[str, Any]) -> Primitive:
 def known_keys(model: type[BaseModel]) -> set[str]:
     """Keys as task files write them."""
     return {info.alias or name for name, info in model.model_fields.items()} - {"folder"}
-
-
-_TABLES: dict[str, type[BaseModel]] = {
-    "scene": SceneSpec,
-    "objects": ObjectSpec,
-    "start": Start,
-    "walk": Walk,
-    "generator": GeneratorSpec,
-    "solver": SolverSettings,
-    "guidance": GuidanceSettings,
-}
-
-
-def _sentence(error: ValidationError, data: Mapping[str, Any]) -> str:
-    """The first thing wrong, in words: where, what, and the nearest known key."""
-    found = error.errors(include_url=False)
-    # A union reports each alternative it tried; what failed deepest inside a table is what the person meant.
-    first = max(found, key=lambda e: (e["type"] == "value_error", e["type"] == "extra_forbidden", len(e["loc"])))
-    *_, key = where = first["loc"] or ("task",)
-    if first["type"] == "value_error":
-        return first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        name, table, _ = _locate(where[:-1], data)
-        return (f"[{name}]: " if name else "") + f"unknown key '{key}'{did_you_mean(str(key), known_keys(table))}"
-    if first["type"] == "missing" and isinstance(key, str):
-        name, _, _ = _locate(where[:-1], data)
-        return f"'{key}' is missing" + (f" in [{name}]" if name else "")
-    name, _, given = _locate(where, data)
-    message = "a number is missing" if first["type"] == "missing" else first["msg"][:1].lower() + first["msg"][1:]
-    return f"'{name}' is {given!r}: {message}"
-
-
-def _locate(where: Sequence[int | str], data: Any) -> tuple[str, type[BaseModel], Any]:
-    """The last key on the way to an error: its name, the kind of table that it names or belongs to, and its value.
-
-    Tables in lists are counted from 1; what else is on the way tells the alternatives of a union apart.
-    """
-    name, given = "", data
-    inside: type[BaseModel] = TaskTable
-    for part in where:
-        if isinstance(part, str) and part in known_keys(inside):
-            name, given = f"{name}.{part}".removeprefix("."), given.get(part) if isinstance(given, Mapping) else None
-            if part not in _TABLES:
-                break
-            inside = _TABLES[part]
-        elif isinstance(part, int) and isinstance(given, list | tuple):
-            name, given = f"{name} {part + 1}", given[part]
-    return name, inside, given

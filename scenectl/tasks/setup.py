@@ -15,7 +15,8 @@ from scenectl.tasks.schema import Start, TaskTable, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
-from scenes.world.floor import FreeArea, free_area, path_length
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length
 from scenes.world.scene import Scene
 
 FASTEST_WALK = 1.6

@@ -1,4 +1,4 @@
-"""Reconstruction losses that tokenizer and refiner share."""
+"""Reconstruction losses, and the settings of trainings by them alone."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
 from scenectl.data.features import CONTACT_JOINTS, CONTACTS, ROOT_VELOCITY, YAW, features_to_joints
+from scenectl.training.loop import LoopSettings
 from scenes.motion.skeleton import HUMANML3D
 
 _FEET = HUMANML3D.indices(CONTACT_JOINTS)
@@ -41,6 +42,22 @@ class ReconstructionWeights(BaseModel):
     lift: float = 0.0
     peaks: float = 0.0
     amplitudes: float = 0.0
+
+
+class ReconstructionTraining(BaseModel):
+    """Settings of a training by reconstruction alone.
+
+    Attributes:
+        loop: length and speed.
+        frames: window lengths, one drawn for each batch.
+        reconstruction: weights of the reconstruction terms.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    loop: LoopSettings
+    frames: tuple[int, ...] = (64,)
+    reconstruction: ReconstructionWeights = ReconstructionWeights()
 
 
 def reconstruction_loss(

@@ -6,18 +6,15 @@ import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from scenectl.data.augment import Augmentation
-from scenectl.generators.mscot.config import ModelConfig
-from scenectl.generators.mscot.training.decoder import DecoderTraining
-from scenectl.generators.mscot.training.refiner import RefinerTraining
-from scenectl.generators.mscot.training.tokenizer import TokenizerTraining
-from scenectl.generators.mscot.training.transformer import TransformerTraining
 from scenectl.training.placement import Precision
 from scenes.errors import UserError, did_you_mean
+
+R = TypeVar("R", bound="Recipe")
 
 
 class Variant(BaseModel):
@@ -30,30 +27,41 @@ class Variant(BaseModel):
 
 
 class Recipe(BaseModel):
-    """Networks, data and training settings.
+    """Data and training settings; each family's own recipe adds a table for every stage and says what `model` is.
 
     Attributes:
+        family: of generators, whose networks are trained.
         seed: of windows, initial weights and dropout.
         commercial_only: leave out clips whose terms forbid commercial use.
         precision: in which networks compute while they train (`scenectl.training.placement.place`).
-        decoder: its training after the tokenizer's, on codes that stand still; none by default.
+        model: configuration of the networks, with their `name`, as it is stored with the weights.
+        augmentation: copies of clips that are trained on, too.
         sweep: variants of this recipe that `scenectl train sweep` compares.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    family: str
     seed: int = 0
     commercial_only: bool = False
     precision: Precision = "auto"
-    model: ModelConfig
+    model: BaseModel
     augmentation: Augmentation = Augmentation()
-    tokenizer: TokenizerTraining
-    decoder: DecoderTraining | None = None
-    refiner: RefinerTraining
-    transformer: TransformerTraining
     sweep: tuple[Variant, ...] = ()
 
-    def varied(self, changes: Mapping[str, Any]) -> Recipe:
+    @property
+    def name(self) -> str:
+        """Of the networks."""
+        return str(self.value("model.name"))
+
+    def value(self, dotted: str) -> Any:
+        """What stands under a dotted name."""
+        found: Any = self
+        for key in dotted.split("."):
+            found = getattr(found, key)
+        return found
+
+    def varied(self: R, changes: Mapping[str, Any]) -> R:
         """This recipe with some of its keys changed, each given by its dotted name.
 
         Raises:
@@ -66,25 +74,35 @@ class Recipe(BaseModel):
             for key in path:
                 inner = inner.get(key, {}) if isinstance(inner, dict) else {}
             if not isinstance(inner, dict) or last not in inner:
-                raise UserError(f"recipe '{self.model.name}' has no key '{dotted}'{did_you_mean(dotted, _keys(table))}")
+                raise UserError(f"recipe '{self.name}' has no key '{dotted}'{did_you_mean(dotted, _keys(table))}")
             inner[last] = value
         try:
-            return Recipe.model_validate(table)
+            return type(self).model_validate(table)
         except ValidationError as error:
-            raise UserError(f"recipe '{self.model.name}': {_first(error)}") from error
+            raise UserError(f"recipe '{self.name}': {_first(error)}") from error
 
 
-def load_recipe(name: str | Path) -> Recipe:
+def load_recipe(name: str | Path, kind: type[R]) -> R:
     """A bundled recipe by name, or a TOML file; raises UserError saying which line of it is wrong.
 
     A recipe with ``extends = "compact"`` is that one (bundled, or a file beside it) with its own keys in place of
     the other's, table by table.
+
+    Args:
+        name: of the recipe, or its file.
+        kind: the family's own class of recipes.
     """
     path = _find(name, Path())
     try:
-        return Recipe.model_validate(_table(path, ()))
+        return kind.model_validate(_table(path, ()))
     except ValidationError as error:
         raise UserError(f"training config '{path}': {_first(error)}") from error
+
+
+def family_of(name: str | Path) -> str | None:
+    """The family that a recipe states, before anything else in it is looked at; None where it states none."""
+    family = _table(_find(name, Path()), ()).get("family")
+    return None if family is None else str(family)
 
 
 def _find(name: str | Path, beside: Path) -> Path:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scenectl.view.picture import Picture
+from scenectl.view.window import open_window
 from scenes.world.scene import Scene
 
 if TYPE_CHECKING:
     from scenectl.pipeline.results import Result
 
-__all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_result", "of_scene"]
+__all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_result", "of_scene", "open_window"]
 
 
 def of_scene(scene: Scene) -> Picture:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from scenectl.view.stage import polydata
+
 ANGLE = 26.0
 """Vertical opening of the camera, degrees: long enough that nothing near the edge is distorted."""
 
@@ -37,9 +39,8 @@ class Sight:
         self.normals = np.cross(edge_a, edge_b)
         self._locator: Any = None
         if len(triangles):
-            self._data = triangles_to_vtk(triangles)
             self._locator = vtkStaticCellLocator()
-            self._locator.SetDataSet(self._data)
+            self._locator.SetDataSet(polydata(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)))
             self._locator.BuildLocator()
 
     def covering(self, eye: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -71,17 +72,21 @@ def choose(points: np.ndarray, sight: Sight, along: np.ndarray, aspect: float, r
     target = (low + high) / 2
     target[1] = low[1] + 0.5 * (high[1] - low[1])
     probe = points[np.linspace(0, len(points) - 1, min(len(points), 90)).astype(int)]
-    best: tuple[float, Camera] | None = None
+    views = []
     for elevation in (24.0, 34.0, 46.0, 60.0):
         for azimuth in np.arange(0.0, 360.0, 22.5):
             e, a = math.radians(elevation), math.radians(azimuth + 10.0)
             back = np.array([math.cos(e) * math.sin(a), math.sin(e), math.cos(e) * math.cos(a)])
-            eye = target + back * _distance(points, target, back, aspect, room)
-            hidden = float(np.mean([len(sight.covering(eye, p)) > 0 for p in probe]))
             side = abs(float(along @ np.array([math.cos(a), -math.sin(a)])))  # 1 when the motion crosses the view
-            score = hidden + 0.004 * abs(elevation - 30.0) - 0.15 * side
-            if best is None or score < best[0]:
-                best = (score, Camera(eye, target, hidden))
+            views.append((0.004 * abs(elevation - 30.0) - 0.15 * side, back))
+    best: tuple[float, Camera] | None = None
+    for cost, back in sorted(views, key=lambda view: view[0]):
+        if best is not None and cost >= best[0]:
+            break  # no view that is left can be better, whatever it hides
+        eye = target + back * _distance(points, target, back, aspect, room)
+        hidden = float(np.mean([len(sight.covering(eye, p)) > 0 for p in probe]))
+        if best is None or cost + hidden < best[0]:
+            best = (cost + hidden, Camera(eye, target, hidden))
     assert best is not None
     return best[1]
 
@@ -96,12 +101,3 @@ def _distance(points: np.ndarray, target: np.ndarray, back: np.ndarray, aspect: 
     need_x = (np.abs(offset @ right) + room) / (half * aspect) + offset @ back
     need_y = (np.abs(offset @ up) + room) / half + offset @ back
     return float(max(need_x.max(), need_y.max()))
-
-
-def triangles_to_vtk(triangles: np.ndarray) -> Any:
-    """Triangles ``[F, 3, 3]`` as VTK data, in their order."""
-    import pyvista as pv
-
-    count = len(triangles)
-    faces = np.column_stack([np.full(count, 3), np.arange(3 * count).reshape(count, 3)])
-    return pv.PolyData(triangles.reshape(-1, 3), faces.ravel())

@@ -1,11 +1,13 @@
-"""Geometry for pictures: the body as capsules, its shadow, the scene with its colours, markers for goals."""
+"""Geometry for pictures: the body as capsules, its shadow, the scene with its colours, balls, rings and tubes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,10 +21,7 @@ CLAY = (216, 211, 203)
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Triangles of a body: capsules that taper from joint sphere to joint sphere, and the spheres past the joints.
-
-    `vertices` moves them with the joints; the triangles stay the same, so that a time slider only moves points.
-    """
+    """A body's surface: capsules that taper from joint sphere to joint sphere, and the spheres past the joints."""
 
     body: ProxyBody
     rings: int = 6
@@ -30,7 +29,7 @@ class BodyShape:
 
     @cached_property
     def _parts(self) -> list[tuple[dict[int, float], float, dict[int, float], float]]:
-        """(blend, radius) at both ends of every part."""
+        """(blend of joints, radius) at both ends of every part."""
         radius = {s.joint: s.radius for s in self.body.spheres if s.base < 0}
         parts = []
         for c in self.body.capsules:
@@ -43,60 +42,111 @@ class BodyShape:
                 parts.append(({s.joint: 1.0}, min(radius[s.joint], s.radius), tip, s.radius))
         return parts
 
-    @cached_property
-    def _template(self) -> tuple[np.ndarray, np.ndarray]:
-        """Unit sphere around +z, ``[P, 3]``, its equator doubled, and triangles ``[F, 3]``."""
-        half = np.linspace(0.0, np.pi / 2, self.rings)
-        polar = np.concatenate([half, half + np.pi / 2])
-        turn = np.linspace(0.0, 2 * np.pi, self.sides, endpoint=False)
-        points = np.stack(
-            [
-                np.outer(np.sin(polar), np.cos(turn)),
-                np.outer(np.sin(polar), np.sin(turn)),
-                np.outer(np.cos(polar), np.ones_like(turn)),
-            ],
-            axis=-1,
-        )
-        i, j = np.meshgrid(np.arange(len(polar) - 1), np.arange(self.sides), indexing="ij")
-        a, b = i * self.sides + j, i * self.sides + (j + 1) % self.sides
-        c, d = a + self.sides, b + self.sides
-        faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
-        return points.reshape(-1, 3), faces
-
-    @cached_property
-    def faces(self) -> np.ndarray:
-        """Triangles, ``[F, 3]``."""
-        points, faces = self._template
-        return np.concatenate([faces + k * len(points) for k in range(len(self._parts))])
-
-    @cached_property
-    def part_of_vertex(self) -> np.ndarray:
-        """Index of the part that each vertex belongs to, ``[V]``."""
-        return np.repeat(np.arange(len(self._parts)), len(self._template[0]))
-
-    def vertices(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World positions (m) and normals of all vertices, ``[V, 3]`` each, for one pose ``[J, 3]``."""
-        unit, _ = self._template
-        upper = np.arange(len(unit)) < len(unit) // 2  # the half towards +z belongs to the far end
-        placed, normals = [], []
-        for near, r_near, far, r_far in self._parts:
-            a = sum((w * joints[j] for j, w in near.items()), start=np.zeros(3))
-            b = sum((w * joints[j] for j, w in far.items()), start=np.zeros(3))
-            frame = _frame(b - a)
-            centre = np.where(upper[:, None], b, a)
-            normals.append(unit @ frame)
-            placed.append(centre + np.where(upper, r_far, r_near)[:, None] * normals[-1])
-        return np.concatenate(placed), np.concatenate(normals)
+    def hull(self, joints: np.ndarray) -> Hull:
+        """Surface of one pose ``[J, 3]`` (m)."""
+        unit = sphere(self.rings, self.sides)
+        ends = np.zeros((2, len(self._parts), len(joints)))
+        for k, (near, _, far, _) in enumerate(self._parts):
+            ends[0, k, list(near)], ends[1, k, list(far)] = list(near.values()), list(far.values())
+        a, b = ends @ joints
+        radii = np.array([(r_near, r_far) for _, r_near, _, r_far in self._parts])
+        return capsules(a, b, radii, unit)
 
 
-def _frame(axis: np.ndarray) -> np.ndarray:
-    """Rows x, y, z of a frame whose z lies along `axis`."""
-    length = float(np.linalg.norm(axis))
-    z = axis / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
-    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.8 else np.array([0.0, 1.0, 0.0])
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
+class Hull(NamedTuple):
+    """A smooth surface: corners ``[V, 3]`` (m), triangles ``[F, 3]`` of them, and unit normals ``[V, 3]``."""
+
+    points: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+
+
+def joined(hulls: Sequence[Hull]) -> Hull:
+    """Several surfaces as one."""
+    starts = np.cumsum([0, *(len(hull.points) for hull in hulls[:-1])])
+    faces = [hull.faces + start for hull, start in zip(hulls, starts, strict=True)]
+    points, normals = [hull.points for hull in hulls], [hull.normals for hull in hulls]
+    return Hull(np.concatenate(points), np.concatenate(faces), np.concatenate(normals))
+
+
+def sphere(rings: int = 6, sides: int = 18) -> Hull:
+    """The unit sphere around +z, its equator doubled, so that it can be drawn apart into a capsule."""
+    half = np.linspace(0.0, np.pi / 2, rings)
+    polar = np.concatenate([half, half + np.pi / 2])
+    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
+    points = np.stack(
+        [
+            np.outer(np.sin(polar), np.cos(turn)),
+            np.outer(np.sin(polar), np.sin(turn)),
+            np.outer(np.cos(polar), np.ones_like(turn)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    return Hull(points, _strips(len(polar), sides), points)
+
+
+def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, unit: Hull | None = None) -> Hull:
+    """Half a sphere around each end and what is between them; balls where ends are one point.
+
+    Args:
+        a: near ends, ``[n, 3]`` m.
+        b: far ends.
+        radii: at both, ``[n, 2]`` m.
+        unit: the sphere that is drawn apart.
+    """
+    unit = sphere(15, 60) if unit is None else unit
+    upper = np.arange(len(unit.points)) < len(unit.points) // 2  # the half towards +z belongs to the far end
+    normals = unit.points @ _frames(b - a)
+    centres = np.where(upper[:, None], b[:, None], a[:, None])
+    points = centres + np.where(upper, radii[:, 1:], radii[:, :1])[..., None] * normals
+    starts = len(unit.points) * np.arange(len(a))
+    faces = (unit.faces + starts[:, None, None]).reshape(-1, 3)
+    return Hull(points.reshape(-1, 3), faces, normals.reshape(-1, 3))
+
+
+def tube(points: np.ndarray, radius: float, sides: int = 12) -> Hull:
+    """A tube of a radius (m) along a polyline ``[P, 3]``, its ends open; neighbouring points must differ."""
+    steps = np.diff(points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    along = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
+    back = np.linalg.norm(along, axis=1) < 1e-6  # where the line turns on the spot
+    along[back] = np.concatenate([steps, steps[-1:]])[back]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.empty_like(along)
+    across[0] = _frames(along[:1])[0, 0]
+    for k, (old, new) in enumerate(pairwise(along)):  # turned no more than the line is, so that the tube is not twisted
+        bend = (across[k] @ new) / max(1.0 + old @ new, 1e-9)
+        across[k + 1] = across[k] - bend * (old + new)
+    third = np.cross(along, across)
+    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)[:, None]
+    normals = np.cos(turn) * across[:, None] - np.sin(turn) * third[:, None]
+    placed = points[:, None] + radius * normals
+    return Hull(placed.reshape(-1, 3), _strips(len(points), sides), normals.reshape(-1, 3))
+
+
+def ring(centre: np.ndarray, inner: float, outer: float, sides: int = 48) -> Hull:
+    """A flat horizontal ring around a point (m); a disc where `inner` is 0."""
+    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
+    circle = np.stack([np.sin(turn), np.zeros_like(turn), np.cos(turn)], axis=-1)
+    points = centre + np.concatenate([inner * circle, outer * circle])
+    return Hull(points, _strips(2, sides), np.tile([0.0, 1.0, 0.0], (2 * sides, 1)))
+
+
+def _strips(rows: int, sides: int) -> np.ndarray:
+    """Triangles between closed rows of as many points, ``[F, 3]``."""
+    i, j = np.meshgrid(np.arange(rows - 1), np.arange(sides), indexing="ij")
+    a, b = i * sides + j, i * sides + (j + 1) % sides
+    c, d = a + sides, b + sides
+    return np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
+
+
+def _frames(axes: np.ndarray) -> np.ndarray:
+    """Rows x, y, z of frames whose z lie along the axes ``[n, 3]``; +z itself for those of no length."""
+    length = np.linalg.norm(axes, axis=1, keepdims=True)
+    z = np.where(length > 1e-9, axes / np.maximum(length, 1e-9), [0.0, 0.0, 1.0])
+    x = np.cross(np.where(np.abs(z[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def soft_shadow(
@@ -121,12 +171,26 @@ def soft_shadow(
         here = np.zeros_like(dark)
         for (px, py, pz), r in zip(pose, radius, strict=True):
             reach = r + blur
-            i, j = np.abs(x - px) <= reach, np.abs(z - pz) <= reach
-            away = np.hypot((x[i] - px)[:, None], (z[j] - pz)[None, :])
-            fade = np.clip((reach - away) / (2 * blur), 0.0, 1.0) * np.clip(1.3 - 0.5 * py, 0.2, 1.0)
-            here[np.ix_(i, j)] = np.maximum(here[np.ix_(i, j)], fade * fade * (3 - 2 * fade))
+            i = slice(*np.searchsorted(x, [px - reach, px + reach]))
+            j = slice(*np.searchsorted(z, [pz - reach, pz + reach]))
+            away = np.sqrt(np.square(x[i] - px)[:, None] + np.square(z[j] - pz))
+            fade = np.clip((reach - away) / (2 * blur), 0.0, 1.0) * min(max(1.3 - 0.5 * py, 0.2), 1.0)
+            here[i, j] = np.maximum(here[i, j], fade * fade * (3 - 2 * fade))
         dark = np.maximum(dark, strength * here)
     return x, z, dark
+
+
+class Solid(NamedTuple):
+    """A mesh as it is drawn: triangles ``[F, 3, 3]`` (m), and of each its colour ``[F, 3]`` and its piece ``[F]``."""
+
+    triangles: np.ndarray
+    colours: np.ndarray
+    pieces: np.ndarray
+
+
+def solid_of(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> Solid:
+    """A mesh with the colours of the file it came from, else `otherwise`, and its connected pieces."""
+    return Solid(mesh.triangles, face_colours(mesh, otherwise), components(mesh))
 
 
 def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarray:

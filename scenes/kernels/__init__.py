@@ -3,6 +3,7 @@
 A kernel takes and returns plain arrays and numbers, allocates little, and holds no lock: `parts` runs several on
 threads of their own. What a kernel means is said by the function of `scenes` that calls it; nothing here is public.
 Compiled code is cached on disk, so that each machine compiles once, and again when any file of this folder changes.
+numba itself is imported when a kernel is first called.
 """
 
 from __future__ import annotations
@@ -12,11 +13,10 @@ import inspect
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
+from threading import RLock
 from typing import Any
-
-import numba
 
 
 def _digest() -> str:
@@ -26,6 +26,40 @@ def _digest() -> str:
 
 
 _VERSION = _digest()
+
+
+_LOCK = RLock()
+
+
+class Kernel:
+    """A function that is compiled when it, or a kernel that calls it, is first called."""
+
+    def __init__(self, function: Callable[..., Any], inline: bool, fastmath: bool | set[str]) -> None:
+        self._plain = inspect.unwrap(function)  # the tests' shape checker wraps every function of this package
+        # numba looks at a function's own file only: without this, a kernel would keep the helpers of an older version.
+        self._plain.__qualname__ = f"{self._plain.__qualname__}_{_VERSION}"
+        self._inline, self._fastmath = inline, fastmath
+        update_wrapper(self, self._plain)
+
+    def __call__(self, *given: Any) -> Any:
+        return self.compiled(*given)
+
+    @cached_property
+    def compiled(self) -> Any:
+        """What numba makes of the function."""
+        with _LOCK:
+            if "compiled" in self.__dict__:  # by another thread, meanwhile
+                return self.__dict__["compiled"]
+            import numba
+
+            options = {"fastmath": self._fastmath, "forceinline": self._inline, "error_model": "numpy"}
+            self.__dict__["compiled"] = numba.njit(cache=True, nogil=True, **options)(self._plain)
+            return self.__dict__["compiled"]
+
+    @property
+    def _numba_type_(self) -> Any:
+        """How numba sees this name inside other kernels."""
+        return self.compiled._numba_type_
 
 
 def kernel(function: Callable[..., Any], *, inline: bool = False, fastmath: bool | set[str] = False) -> Any:
@@ -38,10 +72,7 @@ def kernel(function: Callable[..., Any], *, inline: bool = False, fastmath: bool
         inline: for small helpers that kernels call: their body is copied into the caller by LLVM.
         fastmath: LLVM flags that permit reordering; never where exactness is promised.
     """
-    plain = inspect.unwrap(function)  # the tests' shape checker wraps every function of this package
-    # numba looks at a function's own file only: without this, a kernel would keep the helpers of an older version.
-    plain.__qualname__ = f"{plain.__qualname__}_{_VERSION}"
-    return numba.njit(cache=True, nogil=True, fastmath=fastmath, forceinline=inline, error_model="numpy")(plain)
+    return Kernel(function, inline, fastmath)
 
 
 def helper(function: Callable[..., Any]) -> Any:

@@ -84,6 +84,16 @@ def _fall(slopes, x, y, z):
     return along_x + min(slopes[1] * y, slopes[4] * y) + min(slopes[2] * z, slopes[5] * z)
 
 
+@helper
+def _halved(stack, top, s, t, hs, ht, along):
+    """Put both halves of the patch around (s, t) on the stack, cut along the segment or else along the way."""
+    ds, dt = (0.5 * hs, 0.0) if along else (0.0, 0.5 * ht)
+    stack[top, 0], stack[top, 1] = s - ds, t - dt
+    stack[top + 1, 0], stack[top + 1, 1] = s + ds, t + dt
+    stack[top, 2] = stack[top + 1, 2] = hs - ds
+    stack[top, 3] = stack[top + 1, 3] = ht - dt
+
+
 @kernel
 def lowest(values, origin, spacing, beyond, slopes, widest, ends, enough, tolerance, begin, end, shares):
     """Where on segments ``begin .. end``, each on its way, the interpolant is least: branch and bound, depth first.
@@ -134,14 +144,6 @@ def lowest(values, origin, spacing, beyond, slopes, widest, ends, enough, tolera
             )
             if not (bound < best - tolerance and bound < enough[n]) or max(hs, ht) < SMALLEST:
                 continue
-            if ht < SMALLEST or (hs >= SMALLEST and _length(ux, uy, uz) >= _length(vx, vy, vz)):
-                hs *= 0.5
-                stack[top, 0], stack[top, 1] = s - hs, t
-                stack[top + 1, 0], stack[top + 1, 1] = s + hs, t
-            else:
-                ht *= 0.5
-                stack[top, 0], stack[top, 1] = s, t - ht
-                stack[top + 1, 0], stack[top + 1, 1] = s, t + ht
-            stack[top, 2] = stack[top + 1, 2] = hs
-            stack[top, 3] = stack[top + 1, 3] = ht
+            along = ht < SMALLEST or (hs >= SMALLEST and _length(ux, uy, uz) >= _length(vx, vy, vz))
+            _halved(stack, top, s, t, hs, ht, along)
             top += 2

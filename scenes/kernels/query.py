@@ -1,4 +1,4 @@
-"""The trilinear interpolant of a grid: value and gradient in one pass, and its second derivative times a vector.
+"""The trilinear interpolant of a grid: value and gradient in one pass.
 
 Points come in chunks, and what is known of a chunk lies in rows of `CHUNK` numbers: each step is a loop over whole rows
 that the compiler turns into vector instructions, and the fetches of many points are under way together. Indices that
@@ -160,49 +160,3 @@ def _leave(local, spacing, beyond, s):
         s[_DX + i] = bx * turn if bx != zero else dx
         s[_DY + i] = by * turn if by != zero else dy
         s[_DZ + i] = bz * turn if bz != zero else dz
-
-
-@kernel
-def curved(values, shape, origin, spacing, beyond, points, vectors, begin, end, product):
-    """Second derivative of the interpolant at points ``begin .. end``, times a vector each; all in double.
-
-    Inside a voxel only the mixed derivatives are not zero; outside, the distance to the grid curves along the axes on
-    which a point was moved.
-    """
-    voxel, local = np.zeros(CHUNK, np.int32), np.zeros(3 * CHUNK)
-    s = np.zeros(_ROWS)
-    for first in range(begin, end, CHUNK):
-        count = min(CHUNK, end - first)
-        _prepared(points, first, count, shape, origin, 1.0 / spacing, local, voxel, s)
-        _fetched(values, voxel, count, shape[1], shape[3], s)
-        for i in range(count):
-            xy, xz, yz = _mixed(s, i, 1.0 / (spacing * spacing))
-            bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
-            kx, ky, kz = np.float64(bx == 0.0), np.float64(by == 0.0), np.float64(bz == 0.0)
-            at = 3 * (first + i)
-            vx, vy, vz = vectors[at], vectors[at + 1], vectors[at + 2]
-            px = kx * (ky * xy * vy + kz * xz * vz)
-            py = ky * (kx * xy * vx + kz * yz * vz)
-            pz = kz * (kx * xz * vx + ky * yz * vy)
-            away = math.sqrt(bx * bx + by * by + bz * bz)
-            if away != 0.0:
-                bx, by, bz = bx / away, by / away, bz / away
-                along = bx * vx + by * vy + bz * vz
-                px += beyond * (1.0 - kx) * (vx - along * bx) / away
-                py += beyond * (1.0 - ky) * (vy - along * by) / away
-                pz += beyond * (1.0 - kz) * (vz - along * bz) / away
-            product[at], product[at + 1], product[at + 2] = px, py, pz
-
-
-@helper
-def _mixed(s, i, over):
-    """The three mixed second derivatives of a voxel's interpolant."""
-    x, y, z = s[_X + i], s[_Y + i], s[_Z + i]
-    c = _CORNERS + i
-    c0, c1, c2, c3 = s[c], s[c + CHUNK], s[c + 2 * CHUNK], s[c + 3 * CHUNK]
-    c4, c5, c6, c7 = s[c + 4 * CHUNK], s[c + 5 * CHUNK], s[c + 6 * CHUNK], s[c + 7 * CHUNK]
-    twist = c7 - c6 - c5 + c4 - c3 + c2 + c1 - c0
-    xy = c6 - c4 - c2 + c0 + twist * z
-    xz = c5 - c4 - c1 + c0 + twist * y
-    yz = c3 - c2 - c1 + c0 + twist * x
-    return xy * over, xz * over, yz * over

@@ -1,0 +1,1 @@
+"""Triangles and solids: files, primitives, and surfaces that answer exactly."""

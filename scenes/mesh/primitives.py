@@ -15,6 +15,7 @@ from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh
+from scenes.motion.frames import about_y
 
 Number: TypeAlias = float | int
 Vector: TypeAlias = Sequence[Number]
@@ -121,7 +122,7 @@ class Box:
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive outside) at `points` (m); `time` is ignored, a box does not move."""
-        local = (points - points.new_tensor(self.center)) @ points.new_tensor(_turn(self.yaw))
+        local = (points - points.new_tensor(self.center)) @ points.new_tensor(about_y(self.yaw))
         q = local.abs() - points.new_tensor(self.size) / 2
         outside: Tensor = torch.linalg.vector_norm(q.clamp_min(0), dim=-1)
         return outside + q.amax(dim=-1).clamp_max(0)
@@ -131,7 +132,7 @@ class Box:
         import trimesh
 
         solid = trimesh.creation.box(extents=self.size)
-        return Mesh(solid.vertices @ _turn(self.yaw).T + self.center, solid.faces, "box", "primitive")
+        return Mesh(solid.vertices @ about_y(self.yaw).T + self.center, solid.faces, "box", "primitive")
 
 
 @dataclass(frozen=True)
@@ -374,9 +375,3 @@ def _solid(part: Primitive | Mesh, index: int, manifold3d: Any) -> Any:
             f"CSG part {index} ('{mesh.name}') is not a closed solid facing outward ({solid.status().name}); repair it"
         )
     return solid
-
-
-def _turn(yaw: float) -> np.ndarray:
-    """Rotation about +y, ``[3, 3]``: local to world as ``local @ R.T``, world to local as ``world @ R``."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

@@ -1,0 +1,1 @@
+"""Motion as data: skeletons, joint positions over time, headings, rotations and bones."""

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import torch
+
+from scenes.motion.rotations import matrices
+
+
+def about_y(heading: float) -> np.ndarray:
+    """Rotation about +y by an angle in radians, ``[3, 3]``: local to world as ``local @ R.T``, back as ``world @ R``.
+
+    `scenes.motion.headings.rotation_about_y` of one number, to the last bit of the C library's sine and cosine.
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def rotations(quaternions: np.ndarray) -> np.ndarray:
     """Rotation matrices ``[*b, 3, 3]`` of unit quaternions (w, x, y, z) ``[*b, 4]``."""
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return matrices(torch.tensor(quaternions)).numpy()
 
 
 def transform(frame: np.ndarray, points: np.ndarray) -> np.ndarray:

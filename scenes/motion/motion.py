@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
+from scenes.motion.frames import about_y
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 
@@ -33,15 +33,11 @@ class Pose2D:
 
     def apply(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
         """Canonical to world, metres."""
-        return points @ self._rotation(points).T + points.new_tensor(self.position)
+        return points @ points.new_tensor(about_y(self.heading)).T + points.new_tensor(self.position)
 
     def invert(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
         """World to canonical, metres."""
-        return (points - points.new_tensor(self.position)) @ self._rotation(points)
-
-    def _rotation(self, like: Tensor) -> Float[Tensor, "3 3"]:
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        return like.new_tensor([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        return (points - points.new_tensor(self.position)) @ points.new_tensor(about_y(self.heading))
 
 
 @dataclass(frozen=True)

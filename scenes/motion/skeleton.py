@@ -9,6 +9,9 @@ import numpy as np
 
 from scenes.errors import UserError, did_you_mean
 
+FEET = ("left_foot", "right_foot")
+"""Joints at the balls of the feet, by which people stand."""
+
 
 @dataclass(frozen=True)
 class Skeleton:

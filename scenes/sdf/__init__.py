@@ -1,0 +1,1 @@
+"""Signed distance grids: how they are baked from meshes, and how they are asked."""

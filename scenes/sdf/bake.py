@@ -7,13 +7,12 @@ they are put together, thin walls are given a thickness where the user wants one
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import torch
@@ -24,9 +23,10 @@ from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
-from scenes.sdf.free_space import FreeSpace, check_free_space, decide
+from scenes.sdf.free_space import decide
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
+from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
 
 FORMAT = 5
@@ -86,7 +86,7 @@ def bake(
     resolution: int = 256,
     padding: float | int = 0.1,
     free_space: FreeSpace = "auto",
-    cache: Path | Literal["default"] | None = "default",
+    cache: Cache = "default",
     lattice: Lattice | None = None,
     thickness: float | int = 0.0,
     threads: int | None = None,
@@ -95,28 +95,18 @@ def bake(
 
     Args:
         mesh: any triangles: closed solids, rooms scanned from inside, or loose polygons.
-        resolution: nodes along the longest padded side, 8 to 512; voxels are cubes.
-        padding: metres added to the bounds on each side, 0 to 100.
-        free_space: "outside": what the mesh encloses is solid, whichever way it faces. "auto": the same, unless the
-            triangles face into a room, and then the room's air is free and all else solid. A point (x, y, z) in the
-            air (m, world): space that is enclosed as that point is.
-        cache: folder of earlier bakes; "default" for `default_cache`, None for none.
+        resolution, padding, free_space, cache, thickness: as in `scenes.sdf.settings.BakeSettings`.
         lattice: the nodes themselves, instead of those that `resolution` and `padding` give; must hold the mesh.
-        thickness: metres, 0 to 10; pieces of the mesh that enclose nothing (one-sided or double-sided walls), or are
-            thinner than this, become solid up to half of it on both sides.
         threads: at most so many; default, all processors. They do not change the result.
 
     Raises:
         UserError: resolution, padding or thickness out of range, an unknown rule, a mesh without area or outside the
             lattice, or a seed point outside the padded bounds or on a surface.
     """
-    check_resolution(resolution)
-    check_metres("padding", padding, 100)
-    check_thickness(thickness)
-    free_space = check_free_space(free_space)
-    lattice = lattice or Lattice.around(mesh.bounds, resolution, padding)
-    key = _key(mesh, lattice, free_space, float(thickness))
-    return cached(cache, key, SdfGrid, lambda: _baked(mesh, lattice, free_space, float(thickness), threads))
+    asked = BakeSettings(resolution=resolution, free_space=free_space, thickness=thickness, padding=padding)
+    lattice = lattice or Lattice.around(mesh.bounds, asked.resolution, asked.padding)
+    rule, thick = asked.free_space, float(asked.thickness)
+    return cached(cache, _key(mesh, lattice, rule, thick), SdfGrid, lambda: _baked(mesh, lattice, rule, thick, threads))
 
 
 def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float, threads: int | None) -> Bake[SdfGrid]:
@@ -140,24 +130,6 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
 
 
-def check_metres(what: str, value: float | int, most: float | int) -> None:
-    """Raise UserError unless a length is finite, not negative and at most `most`."""
-    if not (math.isfinite(value) and 0 <= value <= most):
-        raise UserError(f"bake {what} is {value} m; give 0 to {most:g} m")
-
-
-def check_thickness(thickness: float | int) -> float:
-    """The thickness of walls as given; raises UserError unless it is 0 to 10 m."""
-    check_metres("thickness", thickness, 10)
-    return float(thickness)
-
-
-def check_resolution(resolution: int) -> None:
-    """Raise UserError unless `resolution` is a whole number of nodes from 8 to 512."""
-    if isinstance(resolution, bool) or not isinstance(resolution, int) or not 8 <= resolution <= 512:
-        raise UserError(f"bake resolution is {resolution}; give a whole number of nodes from 8 to 512")
-
-
 # ------------------------------------------------------------------------------------------------------------- cache
 
 
@@ -167,9 +139,7 @@ def _key(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float) 
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def cached(
-    cache: Path | Literal["default"] | None, key: str, kind: type[Grid], make: Callable[[], Bake[Grid]]
-) -> Bake[Grid]:
+def cached(cache: Cache, key: str, kind: type[Grid], make: Callable[[], Bake[Grid]]) -> Bake[Grid]:
     """The bake that a folder keeps under a key, or else made and kept there; `kind` is its grid's class."""
     folder = default_cache() if cache == "default" else cache
     path = None if folder is None else Path(folder) / f"{key}.npz"

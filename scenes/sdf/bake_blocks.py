@@ -8,10 +8,7 @@ them. Large plain walls need no block at all; edges, stairs, furniture, thin wal
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -21,11 +18,12 @@ from scenes.kernels import parts, rays, regions
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
-from scenes.sdf.bake import FORMAT, Bake, cached, check_metres
+from scenes.sdf.bake import FORMAT, Bake, cached
 from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
-from scenes.sdf.free_space import FreeSpace, Rule, check_free_space, decide
+from scenes.sdf.free_space import Rule, decide
 from scenes.sdf.lattice import Lattice
+from scenes.sdf.settings import Cache, FreeSpace, check_free_space, check_metres, check_spacing
 from scenes.sdf.signs import grown, sign
 
 BAND = 2.0
@@ -48,7 +46,7 @@ def bake_blocks(
     spacing: float | int,
     padding: float | int = 0.1,
     free_space: FreeSpace = "auto",
-    cache: Path | Literal["default"] | None = "default",
+    cache: Cache = "default",
     threads: int | None = None,
     tolerance: float | int = TOLERANCE,
     slope: float | int = SLOPE,
@@ -84,13 +82,6 @@ def bake_blocks(
     return cached(
         cache, key, SdfBlocks, lambda: _baked(mesh, lattice, free_space, float(tolerance), float(slope), threads)
     )
-
-
-def check_spacing(spacing: float | int) -> float:
-    """Metres between nodes as given; raises UserError unless they are positive."""
-    if not (math.isfinite(spacing) and spacing > 0):
-        raise UserError(f"bake spacing is {spacing}; give metres, such as 0.02")
-    return float(spacing)
 
 
 def coarse_lattice(mesh: Mesh, spacing: float, padding: float) -> Lattice:

@@ -8,15 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import numpy as np
 
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError
 from scenes.mesh.surface import Surface
-
-FreeSpace: TypeAlias = str | Sequence[float | int]
-"""`"auto"`, `"outside"`, or a point x, y, z in the air (m, world)."""
+from scenes.sdf.settings import FreeSpace
 
 
 @dataclass(frozen=True)
@@ -120,22 +117,6 @@ def _winding_in_front(surface: Surface, samples: int = 512) -> float:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     step = 1e-4 * float(np.ptp(surface.bounds, axis=0).max())
     return float(np.median(surface.dipoles.at(surface.points_on(chosen, rng) + step * normals)))
-
-
-def check_free_space(free_space: Any) -> FreeSpace:
-    """The rule as given, a point as a tuple of floats; raises UserError for anything that is no rule."""
-    if isinstance(free_space, str):
-        if free_space not in ("auto", "outside"):
-            hint = did_you_mean(free_space, ("auto", "outside"))
-            raise UserError(f"unknown free-space rule '{free_space}'{hint}, or give a point [x, y, z] in the air")
-        return free_space
-    try:
-        x, y, z = (float(number) for number in free_space)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"free-space seed is {free_space!r}; give three numbers x, y, z in metres") from error
-    if not all(math.isfinite(number) for number in (x, y, z)):
-        raise UserError(f"free-space seed is ({x}, {y}, {z}); give three finite numbers in metres")
-    return (x, y, z)
 
 
 def is_free(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:

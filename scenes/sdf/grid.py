@@ -12,14 +12,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.ndimage import maximum_filter, minimum_filter
 from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.files import atomic_write, read_arrays
 from scenes.kernels import parts
 from scenes.kernels.contact import SIDE, lowest, steepened
-from scenes.kernels.query import curved, interpolated
+from scenes.kernels.query import interpolated
 
 Evaluate: TypeAlias = Callable[[Tensor, bool], tuple[Tensor, Tensor | None]]
 
@@ -117,21 +116,6 @@ class SdfGrid(Interpolated):
         positions: np.ndarray = self.origin.cpu().numpy() + self.spacing * index
         return positions
 
-    def hessian_vector(self, points: Float[Tensor, "*b 3"], vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
-        """Second derivative (1/m) of `distance` at `points` (m) times `vectors`, where it exists: inside a voxel.
-
-        On the faces between voxels the gradient jumps, and what is given is that of one side. Outside autograd.
-        """
-        if points.shape != vectors.shape:
-            raise UserError(
-                f"vectors have shape {tuple(vectors.shape)}; give that of the points, {tuple(points.shape)}"
-            )
-        at, along = flat(points).cpu().double(), vectors.detach().reshape(-1, 3).cpu().double().contiguous()
-        product = torch.empty_like(at)
-        arrays = (*self._arrays, at.numpy().reshape(-1), along.numpy().reshape(-1))
-        in_parts(len(at), lambda begin, end: curved(*arrays, begin, end, product.numpy().reshape(-1)))
-        return product.to(points).reshape(points.shape)
-
     def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
         """Value ``[n]`` and gradient ``[n, 3]`` (or None) at points ``[n, 3]``, by the kernel where it can run."""
         if points.device.type != "cpu" or points.dtype not in (torch.float32, torch.float64):
@@ -178,6 +162,8 @@ class SdfGrid(Interpolated):
         Blocks at the border speak of all that is outside before them, too, where the distance to the grid changes by up
         to 1 m/m along each axis.
         """
+        from scipy.ndimage import maximum_filter, minimum_filter
+
         values = self.values.detach().cpu().numpy()
         found = np.empty((*(-(-(n - 1) // SIDE) for n in values.shape), 6))
         found[..., :3], found[..., 3:] = np.inf, -np.inf

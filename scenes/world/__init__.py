@@ -1,0 +1,1 @@
+"""The scene as a whole: what stands and moves in it, its floor, and where bodies touch it."""

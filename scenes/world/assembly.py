@@ -14,8 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
-from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -27,9 +26,9 @@ from scenes.mesh.surface import Surface
 from scenes.motion.frames import transform
 from scenes.sdf.bake import bake
 from scenes.sdf.distances import Seeds, Soup
-from scenes.sdf.free_space import FreeSpace, check_free_space
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
+from scenes.sdf.settings import Cache, FreeSpace, check_free_space
 
 TILE = 16
 """Edge (nodes) of the cubes in which is decided whether an object can be nearest."""
@@ -85,7 +84,7 @@ class Assembly:
         objects: Mapping[str, Mesh],
         lattice: Lattice | int = 256,
         free_space: FreeSpace = "auto",
-        cache: Path | Literal["default"] | None = None,
+        cache: Cache = None,
         threads: int | None = None,
     ) -> None:
         """Bake every object and put them together.
@@ -107,7 +106,7 @@ class Assembly:
             lattice = Lattice.around(np.stack([corners.min(axis=0), corners.max(axis=0)]), lattice, padding=0.1)
         self.lattice = lattice
         self.free_space = check_free_space(free_space)
-        self.cache: Path | Literal["default"] | None = cache
+        self.cache: Cache = cache
         self.threads = threads
         self._parts: dict[str, _Part] = {}
         self._values = np.full(lattice.shape, np.inf, dtype=np.float32)

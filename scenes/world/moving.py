@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -25,10 +23,11 @@ from scenes.mesh.mesh import Mesh
 from scenes.mesh.primitives import Number, Plane, Primitive, Vector, Waypoints, clock, moment
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import rotations
-from scenes.sdf.bake import Bake, bake, check_resolution
+from scenes.sdf.bake import Bake, bake
 from scenes.sdf.field import DistanceField
 from scenes.sdf.free_space import Rule, decide, signed_distance
 from scenes.sdf.grid import SdfGrid
+from scenes.sdf.settings import Cache, check_resolution
 
 PADDING = 0.3
 """Metres of grid around an object. Beyond its grid a distance is an upper bound (see `SdfGrid.distance`); this is more
@@ -168,7 +167,7 @@ class MovingObject:
     trajectory: Trajectory
     name: str = ""
     resolution: int = 128
-    cache: Path | Literal["default"] | None = "default"
+    cache: Cache = "default"
 
     def __post_init__(self) -> None:
         check_resolution(self.resolution)
@@ -188,7 +187,7 @@ class MovingObject:
     def bake(self) -> Bake[SdfGrid] | None:
         """The bake of a mesh, or the one that was given; None for the other shapes."""
         if isinstance(self.shape, Mesh):
-            return bake(self.shape, self.resolution, PADDING, "outside", self.cache)
+            return bake(self.shape, self.resolution, padding=PADDING, free_space="outside", cache=self.cache)
         return self.shape if isinstance(self.shape, Bake) else None
 
     @property

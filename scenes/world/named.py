@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from scenes.errors import UserError, did_you_mean
-from scenes.sdf.free_space import FreeSpace
+from scenes.sdf.settings import FreeSpace
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
 
@@ -26,7 +26,7 @@ def named_scene(
         resolution, thickness, spacing: as `Scene` takes them.
     """
     if name in bundled_names():
-        return bundled(name, resolution, thickness=thickness, spacing=spacing)
+        return bundled(name, resolution=resolution, thickness=thickness, spacing=spacing)
     if not Path(name).exists() and not Path(name).suffix:
         raise UserError(
             f"'{name}' is neither a file, a folder nor a bundled scene{did_you_mean(name, bundled_names())}"

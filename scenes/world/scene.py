@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Sequence
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Unpack
 
 import numpy as np
 import torch
@@ -18,18 +18,14 @@ from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Capsule, Plane, Primitive, Sphere
 from scenes.mesh.surface import Surface, thin_walls
-from scenes.sdf.bake import Bake, bake, check_resolution, check_thickness
-from scenes.sdf.bake_blocks import bake_blocks, check_spacing
+from scenes.sdf.bake import Bake, bake
+from scenes.sdf.bake_blocks import bake_blocks
 from scenes.sdf.field import DistanceField
-from scenes.sdf.free_space import FreeSpace, Rule, check_free_space, decide, signed_distance
+from scenes.sdf.free_space import Rule, decide, signed_distance
 from scenes.sdf.lattice import Lattice
+from scenes.sdf.settings import BakeOptions, BakeSettings, FreeSpace
+from scenes.world.floor.ground import Floor, find_floor
 from scenes.world.moving import MovingObject
-
-if TYPE_CHECKING:
-    from scenes.world.floor import Floor
-
-PADDING = 0.1
-"""Metres of grid around each mesh."""
 
 DENSE = 2**26
 """Nodes up to which a stated spacing gives a dense grid: 256 MB."""
@@ -49,13 +45,10 @@ class Scene:
         meshes: Sequence[Mesh] = (),
         primitives: Sequence[Primitive] = (),
         floor: float | int | None = None,
-        resolution: int = 256,
-        free_space: FreeSpace = "auto",
-        cache: Path | Literal["default"] | None = "default",
-        name: str = "scene",
+        *,
         objects: Sequence[MovingObject] = (),
-        thickness: float | int = 0.0,
-        spacing: float | int | None = None,
+        name: str = "scene",
+        **baking: Unpack[BakeOptions],
     ) -> None:
         """Describe a scene.
 
@@ -64,25 +57,17 @@ class Scene:
             primitives: analytic shapes, which may move.
             floor: height (m) on which soles stand. Stated, or without meshes (then 0), it is a plane that is part of
                 the distance; otherwise the floor is that of the meshes, found when asked for.
-            resolution: nodes along the longest side of each mesh's grid, 8 to 512.
-            free_space: the rule of `scenes.sdf.bake.bake`. A seed point applies to the meshes whose bounds hold it, and
-                must lie within at least one; the others are solid inside.
-            cache: folder of bakes, "default", or None.
-            name: for reports.
             objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
-            thickness: metres that walls without thickness, or with less, are given (see `scenes.sdf.bake.bake`).
-            spacing: metres between nodes, instead of `resolution`; where a dense grid would be large, its nodes are
-                kept near surfaces only (see `scenes.sdf.bake_blocks.bake_blocks`).
+            name: for reports.
+            **baking: how each mesh is baked, any of `BakeSettings`. A seed point for `free_space` applies to the meshes
+                whose bounds hold it, and must lie within at least one; the others are solid inside. Where a dense grid
+                of a stated `spacing` would be large, its nodes are kept near surfaces only (see
+                `scenes.sdf.bake_blocks.bake_blocks`).
         """
         self.meshes = tuple(meshes)
         self.primitives = tuple(primitives)
         self.objects = tuple(objects)
-        check_resolution(resolution)
-        self.resolution = resolution
-        self.thickness = check_thickness(thickness)
-        self.spacing = None if spacing is None else check_spacing(spacing)
-        self.free_space = check_free_space(free_space)
-        self.cache: Path | Literal["default"] | None = cache
+        self.baking = BakeSettings(**baking)
         self.name = name
         self.stated_floor = 0.0 if floor is None and not self.meshes else floor
         if self.stated_floor is not None and not np.isfinite(self.stated_floor):
@@ -101,7 +86,7 @@ class Scene:
     @property
     def padding(self) -> float:
         """Metres of grid around each mesh; thickened walls stand out of it."""
-        return PADDING + self.thickness / 2
+        return self.baking.padding + self.baking.thickness / 2
 
     @cached_property
     def bakes(self) -> tuple[Bake[Any], ...]:
@@ -111,18 +96,19 @@ class Scene:
 
     def _baked(self, mesh: Mesh, rule: FreeSpace) -> Bake[Any]:
         """One mesh, on nodes `spacing` apart where that is stated: all of them, or those near surfaces."""
-        if self.spacing is None:
-            return bake(mesh, self.resolution, self.padding, rule, self.cache, thickness=self.thickness)
-        size = np.ptp(mesh.bounds, axis=0) + 2 * self.padding
-        if float(np.prod(size / self.spacing + 1)) <= DENSE:
-            lattice = Lattice.spaced(mesh.bounds, self.spacing, self.padding)
-            return bake(mesh, free_space=rule, cache=self.cache, lattice=lattice, thickness=self.thickness)
-        if self.thickness:
+        how, padding = self.baking, self.padding
+        if how.spacing is None:
+            return bake(mesh, how.resolution, padding, rule, how.cache, thickness=how.thickness)
+        size = np.ptp(mesh.bounds, axis=0) + 2 * padding
+        if float(np.prod(size / how.spacing + 1)) <= DENSE:
+            lattice = Lattice.spaced(mesh.bounds, how.spacing, padding)
+            return bake(mesh, free_space=rule, cache=how.cache, lattice=lattice, thickness=how.thickness)
+        if how.thickness:
             raise UserError(
-                f"mesh '{mesh.name}' is too large for walls to be given a thickness at a spacing of {self.spacing:g} m;"
+                f"mesh '{mesh.name}' is too large for walls to be given a thickness at a spacing of {how.spacing:g} m;"
                 " state a coarser spacing or a resolution"
             )
-        return bake_blocks(mesh, self.spacing, self.padding, rule, self.cache)
+        return bake_blocks(mesh, how.spacing, padding, rule, how.cache)
 
     @cached_property
     def fields(self) -> tuple[DistanceField, ...]:
@@ -162,7 +148,7 @@ class Scene:
         for surface, rule, walls in self._surfaces:
             results.append(signed_distance(surface, rule, points))
             if walls is not None:
-                results.append(walls.unsigned_distance(points) - self.thickness / 2)
+                results.append(walls.unsigned_distance(points) - self.baking.thickness / 2)
         results += [thing.distance_exact(points, time) for thing in self.objects]
         nearest: np.ndarray = np.minimum.reduce(results)
         return nearest
@@ -174,18 +160,19 @@ class Scene:
         for mesh in self.meshes:
             surface = Surface.of(mesh)
             rule = decide(surface, self._free_space_of(mesh), self._padded(mesh), mesh.name)
-            found.append((surface, rule, thin_walls(surface, self.thickness)))
+            found.append((surface, rule, thin_walls(surface, self.baking.thickness)))
         return tuple(found)
 
     def _free_space_of(self, mesh: Mesh) -> FreeSpace:
         """The scene's rule as it applies to one mesh: a seed elsewhere says nothing about a small object."""
-        if isinstance(self.free_space, str) or self._holds_seed(mesh) or not any(map(self._holds_seed, self.meshes)):
-            return self.free_space  # no mesh holds it: bake says so
+        stated = self.baking.free_space
+        if isinstance(stated, str) or self._holds_seed(mesh) or not any(map(self._holds_seed, self.meshes)):
+            return stated  # no mesh holds it: bake says so
         return "outside"
 
     def _holds_seed(self, mesh: Mesh) -> bool:
-        low, high = self._padded(mesh)
-        return bool((low <= np.array(self.free_space)).all() and (np.array(self.free_space) <= high).all())
+        (low, high), seed = self._padded(mesh), np.array(self.baking.free_space)
+        return bool((low <= seed).all() and (seed <= high).all())
 
     def _padded(self, mesh: Mesh) -> np.ndarray:
         padded: np.ndarray = mesh.bounds + np.array([[-self.padding], [self.padding]])
@@ -194,8 +181,6 @@ class Scene:
     @cached_property
     def floor(self) -> Floor:
         """The floor: as stated, or found in the meshes."""
-        from scenes.world.floor import Floor, find_floor
-
         if self.stated_floor is not None:
             return Floor(height=float(self.stated_floor), found=False)
         return find_floor(self.meshes)
@@ -230,18 +215,10 @@ class Scene:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of everything that distances depend on, hexadecimal."""
-        text = repr(
-            (
-                [mesh.digest for mesh in self.meshes],
-                self.primitives,
-                self.stated_floor,
-                self.resolution,
-                self.free_space,
-                self.thickness,
-                self.spacing,
-                [thing.digest for thing in self.objects],
-            )
-        )
+        how, meshes, objects = self.baking, [m.digest for m in self.meshes], [thing.digest for thing in self.objects]
+        voxels = (how.resolution, how.free_space, how.thickness, how.spacing)
+        margin = () if how.padding == BakeSettings.padding else (how.padding,)
+        text = repr((meshes, self.primitives, self.stated_floor, *voxels, objects, *margin))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def report(self) -> list[str]:
@@ -270,17 +247,13 @@ def load_scene(
     unit: str | None = None,
     up: str | None = None,
     floor: float | int | None = None,
-    resolution: int = 256,
-    free_space: FreeSpace = "auto",
     primitives: Sequence[Primitive] = (),
-    cache: Path | Literal["default"] | None = "default",
     objects: Sequence[MovingObject] = (),
-    thickness: float | int = 0.0,
-    spacing: float | int | None = None,
+    **baking: Unpack[BakeOptions],
 ) -> Scene:
     """A scene from one mesh file, plus primitives and objects; arguments as `load_mesh` and `Scene` take them."""
     mesh = load_mesh(path, unit, up)
-    return Scene([mesh], primitives, floor, resolution, free_space, cache, mesh.name, objects, thickness, spacing)
+    return Scene([mesh], primitives, floor, objects=objects, name=mesh.name, **baking)
 
 
 def bundled_names() -> list[str]:
@@ -290,12 +263,9 @@ def bundled_names() -> list[str]:
 
 def bundled(
     name: str,
-    resolution: int = 256,
     primitives: Sequence[Primitive] = (),
-    cache: Path | Literal["default"] | None = "default",
     objects: Sequence[MovingObject] = (),
-    thickness: float | int = 0.0,
-    spacing: float | int | None = None,
+    **baking: Unpack[BakeOptions],
 ) -> Scene:
     """A scene that comes with the package; raises UserError for an unknown name.
 
@@ -306,8 +276,7 @@ def bundled(
     facts: dict[str, Any] = {}
     if (notes := BUNDLED / f"{name}.toml").is_file():
         facts = tomllib.loads(notes.read_text(encoding="utf-8"))
-    mesh = load_mesh(BUNDLED / f"{name}.glb")
-    free_space = facts.get("free_space", "auto")
+    baking.setdefault("free_space", facts.get("free_space", "auto"))
     return Scene(
-        [mesh], primitives, facts.get("floor"), resolution, free_space, cache, name, objects, thickness, spacing
+        [load_mesh(BUNDLED / f"{name}.glb")], primitives, facts.get("floor"), objects=objects, name=name, **baking
     )

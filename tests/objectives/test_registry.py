@@ -150,7 +150,7 @@ def test_wrong_residuals_are_named() -> None:
         Term("too_flat").cost(motion, context())
     with pytest.raises(UserError, match="'odd': its 3 components do not divide"):
         Term("odd").cost(motion, context())
-    with pytest.raises(UserError, match="'few_labels': its labels and points must be as many as its 3 entries"):
+    with pytest.raises(UserError, match="'few_labels': its labels must be as many as its 3 entries"):
         Term("few_labels").cost(motion, context())
     with pytest.raises(UserError, match="'wrong_mask': 'active' has shape"):
         Term("wrong_mask").cost(motion, context())

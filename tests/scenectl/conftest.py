@@ -32,7 +32,8 @@ def tiny() -> ModuleType:
 @pytest.fixture
 def tiny_generator(monkeypatch: pytest.MonkeyPatch) -> None:
     """`load_generator` gives a tiny one for any weights."""
-    monkeypatch.setattr("scenectl.generators.load_generator", lambda *args, **kwargs: _tiny.TinyGenerator())
+    for room in ("scenectl.generators", "scenectl.pipeline.run"):
+        monkeypatch.setattr(f"{room}.load_generator", lambda *args, **kwargs: _tiny.TinyGenerator())
 
 
 @pytest.fixture

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenectl.generators.base import Draft, Guide, Price, Progress
 from scenectl.generators.conditions import Conditions
 from scenectl.generators.prompts import Prompts
-from scenectl.generators.spec import Spec, check_samples
+from scenectl.generators.spec import Spec, check_request
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
 
@@ -26,12 +26,17 @@ def statue() -> Float[Tensor, "22 3"]:
     return joints
 
 
+CHEAP = Price(product=0.1, row=0.1)
+
+
 @dataclass
 class TinyStep:
     """Its value is where the statue stands in the canonical frame, x and z at every frame."""
 
     value: Float[Tensor, "S T 2"]
     start: Pose2D
+    price: Price = CHEAP
+    unit: float = 1.0
 
     def decode(self, value: Float[Tensor, "S T 2"]) -> Motion:
         x, z = value.unbind(-1)
@@ -41,17 +46,12 @@ class TinyStep:
     def at(self, value: Float[Tensor, "S T 2"]) -> TinyStep:
         return TinyStep(value, self.start)
 
+    def take(self, samples: Int[Tensor, " s"]) -> TinyStep:
+        return TinyStep(self.value[samples], self.start)
+
     @property
     def motion(self) -> Motion:
         return self.decode(self.value)
-
-    @property
-    def price(self) -> Price:
-        return Price(product=1.0, row=1.0)
-
-    @property
-    def unit(self) -> float:
-        return 1.0
 
     def jvp(self, tangent: Float[Tensor, "S T 2"]) -> Float[Tensor, "S T J 3"]:
         return torch.func.jvp(lambda value: self.decode(value).joints, (self.value,), (tangent,))[1]
@@ -66,7 +66,8 @@ class TinyStep:
 class TinyGenerator:
     """Statues that slide ahead at 0.5 m/s, sample s a little more to the left."""
 
-    name, licence, spec = "tiny", "CC0-1.0", Spec(fps=20.0, shortest=0.5, longest=60.0, window=9.8)
+    name, licence = "tiny", "CC0-1.0"
+    spec = Spec(fps=20.0, shortest=0.5, longest=60.0, window=9.8)
 
     def generate(
         self,
@@ -80,11 +81,10 @@ class TinyGenerator:
         seed: int = 0,
         progress: Progress | None = None,
     ) -> Draft:
-        prompt, frames, fps = Prompts.of(prompts).single(self.name), self.spec.frames(seconds), self.spec.fps
+        text, frames = check_request(self.name, self.spec, prompts, seconds, start, samples)
         draw = torch.Generator().manual_seed(seed)
-        ahead = 0.5 * torch.arange(frames) / fps
-        left = torch.rand(check_samples(samples), 1, generator=draw) * 0.2
+        ahead = 0.5 * torch.arange(frames) / self.spec.fps
+        left = torch.rand(samples, 1, generator=draw) * 0.2
         value = torch.stack([left.expand(samples, frames), ahead.expand(samples, frames)], dim=-1)
         step = TinyStep(value, start)
-        guided = {} if guide is None else {"tilt": torch.zeros(3), "nan": float("nan")}
-        return Draft(step.motion, step, {"prompt": prompt, **guided})
+        return Draft(step.motion, step, {"prompt": text, "tilt": torch.zeros(3), "nan": float("nan")})

@@ -21,9 +21,9 @@ from scenectl.bench.control.keyframes import (
     longest,
     usable_clips,
 )
-from scenectl.bench.control.rivals import METHODS, Case, Way, remembering, ways
+from scenectl.bench.control.rivals import METHODS, Case, Way, possible, remembering, ways
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
-from scenectl.control.refine.natural import bone_errors
+from scenectl.control.refine.body_costs import bone_errors
 from scenectl.data.corpus import Clip
 from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
@@ -48,7 +48,7 @@ def bench_control(
     generator: Generator,
     data: str | Path,
     clips: int = 2,
-    methods: Sequence[str] = METHODS,
+    methods: Sequence[str] = (),
     joints: Sequence[str] = JOINTS,
     densities: Sequence[str] = tuple(DENSITIES),
     scenes: Sequence[str] = ("empty",),
@@ -62,7 +62,8 @@ def bench_control(
         generator: whose tokens and decoder all methods share.
         data: folder of the motion collection.
         clips: test clips for each joint and density.
-        methods, joints, densities: those of `METHODS`, `JOINTS` and `DENSITIES` that shall run.
+        methods: those of `METHODS` that shall run; by default all that the generator can.
+        joints, densities: those of `JOINTS` and `DENSITIES` that shall run.
         scenes: "empty", or "pillars" that stand close to the recording's way, which touches none; there a body has to
             keep out of them besides.
         shortest: frames that a clip has at least; with 196, all are as long as a motion can be.
@@ -82,7 +83,7 @@ def bench_control(
         for name in given:
             if name not in known:
                 raise UserError(f"unknown '{name}'{did_you_mean(name, known)}")
-    generator, spec = remembering(generator), generator.spec
+    generator, spec, methods = remembering(generator), generator.spec, methods or possible(generator)
     usable = usable_clips(data, spec, shortest)
     cases = [case for scene in scenes for case in _cases(usable, spec, clips, joints, densities, scene, seed)]
     chosen = ways(generator, cases, methods, engine.progress)

@@ -18,7 +18,8 @@ from objectives import Objective, Term, diagnosis
 from scenectl.bench.control.keyframes import ON_FLOOR, longest, usable_clips
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
-from scenectl.control.refine.natural import LIFT, STRETCH, Natural, bone_errors
+from scenectl.control.refine.body_costs import BodyCosts, bone_errors
+from scenectl.control.thresholds import THRESHOLDS
 from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
@@ -133,7 +134,7 @@ def _measured(generator: Generator, case: _Case) -> list[Row]:
         )
         seconds = time.perf_counter() - began
         assert made.unrefined is not None and made.solution is not None
-        natural = Natural(objective, made.unrefined, ON_FLOOR)
+        natural = BodyCosts.beside(made.unrefined, objective, ON_FLOOR)
         sentence = diagnosis(objective, made.motion[0], ON_FLOOR) or ""
         rows.append({
             "kind": case.kind,
@@ -167,9 +168,9 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         found[way] = {
             "bone_error_above_free_m": max(row["bone_error_m"] - row["bone_error_free_m"] for row in mine),
             "worst_frame_above_free_m": max(row["worst_frame_m"] - row["worst_frame_free_m"] for row in mine),
-            "bone_error_kept": _share(mine, lambda r: r["bone_error_m"] - r["bone_error_free_m"] <= STRETCH),
+            "bone_error_kept": _share(mine, lambda r: r["bone_error_m"] - r["bone_error_free_m"] <= THRESHOLDS.stretch),
             "lift_m": max(row["lift_m"] for row in mine),
-            "feet_kept": _share(mine, lambda r: r["lift_m"] <= LIFT),
+            "feet_kept": _share(mine, lambda r: r["lift_m"] <= THRESHOLDS.lift),
             "named": _share(mine, lambda r: r["named"]),
             "median_seconds": statistics.median(row["seconds"] for row in mine),
         }

@@ -28,10 +28,11 @@ from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import GuidanceSettings, SolverSettings
 from scenectl.data.progmogen import FPS, HeadHeights, ProgMoGenPrompts, Prompt, load_progmogen
 from scenectl.generators.base import Generator
-from scenectl.measures.metrics import FEET, max_acceleration, skating_ratio
+from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.pipeline.generation import make
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import FEET
 
 TASKS = ("hsi1", "hsi2", "hsi3")
 COUNTS: Mapping[str, int] = {"hsi1": 64, "hsi2": 32, "hsi3": 32}

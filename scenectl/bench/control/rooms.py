@@ -14,7 +14,7 @@ import torch
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
-from scenectl.control.refine.natural import stretches
+from scenectl.control.refine.body_costs import stretches
 from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
@@ -24,7 +24,8 @@ from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
-from scenes.world.floor import FreeArea, free_area, path_length
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length
 from scenes.world.scene import Scene, bundled, load_scene
 
 PROMPT = "a person walks forward"

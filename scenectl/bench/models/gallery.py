@@ -12,7 +12,7 @@ from scenectl.data.corpus import load_motions
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
 from scenectl.generators.base import Generator
 from scenectl.measures.metrics import max_acceleration, path_length, skating_ratio
-from scenectl.view.strip import draw_strips
+from scenectl.view.strips import draw_strips
 from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.motion.motion import Motion, Pose2D

@@ -15,7 +15,9 @@ from torch import Tensor
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.bench.models.posterior import bench_posterior
 from scenectl.bench.models.tokenizer import bench_tokenizer
+from scenectl.data.clips import overlapping
 from scenectl.data.features import FPS
+from scenectl.data.sources import load_clips
 from scenectl.evaluation.evaluator import Evaluator
 from scenectl.evaluation.kinds import Confusion, KindClassifier
 from scenectl.evaluation.metrics import (
@@ -31,9 +33,8 @@ from scenectl.evaluation.metrics import (
 from scenectl.evaluation.sets import HeldOut, MotionSet, Tokenised, generated, of_random_tokens, real, reconstructed
 from scenectl.generators.base import Generator, Progress
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.measures import code_use, least_use, overlapping
+from scenectl.generators.mscot.training.measures import code_use, least_use
 from scenectl.measures.plausibility import plausibility
-from scenectl.training.sources import windows
 from scenes.files import atomic_write
 from scenes.motion.motion import Pose2D
 from scenes.sdf.bake import default_cache
@@ -71,7 +72,7 @@ def bench_generator(
         ``{"summary", "rows", "evaluator", "clips", "kinds"}``, a row for each set, and of MSCoT's tokens "code_use",
         "reconstruction" and "posterior".
     """
-    test = HeldOut.of(windows(data, ["test"], None, _cache(), 0), generator.spec, seed, clips)
+    test = HeldOut.of(load_clips(data, ["test"], None, _cache(), 0), generator.spec, seed, clips)
     # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
     check_enough(len(test.captions))
     evaluation = _Evaluation(generator, evaluator, classifier, test, repeats, seed, engine.progress)
@@ -142,7 +143,7 @@ def _cache() -> Path:
 def _tokens(generator: MSCoT, data: Path, seed: int, engine: Engine) -> dict[str, Any]:
     """What only a generator of tokens has: reconstruction, codes in use, and how good the guided posterior is."""
     reconstruction = bench_tokenizer(generator, data, engine=engine)
-    train = windows(data, ["train"], None, _cache(), 0)
+    train = load_clips(data, ["train"], None, _cache(), 0)
     use = code_use(generator.bundle.tokenizer, overlapping(train, 64))
     posterior = bench_posterior(generator, seed=seed, engine=engine)
     keys = (

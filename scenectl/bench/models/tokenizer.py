@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.data.sources import load_clips
 from scenectl.generators.base import Generator
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.tokenizer import reconstruction_error
-from scenectl.training.sources import windows
+from scenectl.generators.mscot.training.measures import round_trip
+from scenectl.training.errors import error_by_source
 from scenes.errors import UserError
 from scenes.sdf.bake import default_cache
 
@@ -25,10 +26,10 @@ def bench_tokenizer(
     if not isinstance(generator, MSCoT):
         raise UserError(f"generator '{generator.name}' has no tokenizer to measure")
     tokenizer = generator.bundle.tokenizer
-    test = windows(Path(data), ["test"], None, default_cache() / "windows", 0)
+    test = load_clips(Path(data), ["test"], None, default_cache() / "windows", 0)
 
     def reconstructed(length: int) -> list[Row]:
-        found = reconstruction_error(tokenizer, test, length)
+        found = error_by_source(round_trip(tokenizer), test, length)
         return [{"frames": length, "set": name, **figures} for name, figures in found.items()]
 
     cases = [(f"{length} frames", length) for length in frames]

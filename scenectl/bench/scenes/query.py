@@ -17,6 +17,7 @@ from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.mesh.mesh import Mesh
+from scenes.motion.bones import rest_pose
 from scenes.sdf.bake import bake
 from scenes.sdf.grid import SdfGrid, interpolate
 from scenes.sdf.lattice import Lattice
@@ -107,11 +108,7 @@ def make_points(grid: SdfGrid, count: int, pattern: str, seed: int = 0) -> Tenso
 
 def _walk(walkers: int, noise: torch.Generator) -> Tensor:
     """Joints ``[walkers, FRAMES, 22, 3]`` (m) that swing while they walk to and fro around the origin at 1.2 m/s."""
-    skeleton = DEFAULT_BODY.skeleton
-    rest = torch.zeros(len(skeleton.names), 3, dtype=torch.float64)
-    for joint, parent in enumerate(skeleton.parents):
-        if parent >= 0:
-            rest[joint] = rest[parent] + torch.tensor(skeleton.offsets[joint], dtype=torch.float64)
+    rest = rest_pose(DEFAULT_BODY.skeleton)
     rest[:, 1] -= rest[:, 1].min()
     phase, heading = 2 * torch.pi * torch.rand(2, walkers, 1, generator=noise, dtype=torch.float64)
     seconds = torch.arange(FRAMES, dtype=torch.float64) / 20

@@ -23,6 +23,7 @@ from scenectl.bench.control.keyframes import DENSITIES, FAILED, Keyframes, usabl
 from scenectl.bench.engine import Engine, Row
 from scenectl.bench.models.posterior import bench_posterior
 from scenectl.control import SolverSettings
+from scenectl.data.clips import beginnings
 from scenectl.data.corpus import Clip
 from scenectl.data.features import features_to_joints
 from scenectl.generators import load_generator
@@ -31,13 +32,13 @@ from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.measures import beginnings
 from scenectl.generators.mscot.training.refiner import train_refiner
-from scenectl.generators.mscot.training.sweep import shortened, sweep, write_table
+from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
-from scenectl.training.command import Run
 from scenectl.training.placement import Placement, place
-from scenectl.training.recipe import Recipe, Variant, load_recipe
+from scenectl.training.recipe import Variant, load_recipe
+from scenectl.training.stages import Job, Run
+from scenectl.training.sweep import Measure, shortened, sweep, write_table
 
 C = TypeVar("C")
 
@@ -92,8 +93,8 @@ class Bench:
     threads: int | None = None
 
     @cached_property
-    def recipe(self) -> Recipe:
-        return load_recipe(self.config)
+    def recipe(self) -> MSCoTRecipe:
+        return load_recipe(self.config, MSCoTRecipe)
 
     @cached_property
     def where(self) -> Placement:
@@ -117,11 +118,11 @@ class Bench:
         self,
         variants: Sequence[Variant],
         progress: Progress,
-        measure: Callable[[Run, Tokenizer], Mapping[str, Any]] | None = None,
+        measure: Measure | None = None,
     ) -> list[Row]:
         """Rows of small models."""
         models = self.out / "models"
-        return sweep(self.recipe, variants, self.data, models, self.iterations, self.where, tell, measure)
+        return sweep(TRAINING, self.recipe, variants, self.data, models, self.iterations, self.where, progress, measure)
 
     def rows(
         self, name: str, cases: Sequence[tuple[str, C]], measure: Callable[[C], Row], progress: Progress
@@ -131,7 +132,7 @@ class Bench:
             "ablation": name, "data": self.data, "config": self.config, "weights": self.weights,
             "iterations": self.iterations, "clips": self.clips,
         }  # fmt: skip
-        engine = Engine(tell, self.out / f"{name}.json")
+        engine = Engine(progress, self.out / f"{name}.json")
         found: list[Row] = engine.run(cases, lambda case: [measure(case)], lambda rows: {}, settings)["rows"]
         return found
 
@@ -169,9 +170,9 @@ def adaptive(bench: Bench, progress: Progress) -> list[Path]:
     )
     chunks = {"adaptive": None, "fixed-64": 64, "fixed-196": WINDOW}
 
-    def by_length(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
+    def by_length(run: MSCoTRun) -> Mapping[str, Any]:
         chunk = chunks[next(name for name in chunks if run.out.name.startswith(f"{name}-"))]
-        test = run.windows(["test"], False)
+        test, tokenizer = run.clips(["test"], False), tokenizer_of(run)
         found: dict[str, float] = {}
         for frames in (64, 128, WINDOW):
             features = beginnings(test, frames)
@@ -182,7 +183,7 @@ def adaptive(bench: Bench, progress: Progress) -> list[Path]:
                 found[f"{name}acceleration_{frames}_m_per_frame2"] = float(joints.diff(n=2, dim=1).norm(dim=-1).mean())
         return found
 
-    rows = bench.trained(variants, tell, by_length)
+    rows = bench.trained(variants, progress, by_length)
     return bench.written("adaptive", "Adaptive scale against fixed scales, by length (the paper's Table 7)", rows)
 
 
@@ -219,7 +220,7 @@ def codebook(bench: Bench, progress: Progress) -> list[Path]:
 def scales(bench: Bench, progress: Progress) -> list[Path]:
     """Tables 10 and 11: number of scales, for reconstruction and for control."""
     variants = [Variant(name=f"K-{k}", set={"model.tokenizer.scales": s}) for k, s in SCHEDULES.items()]
-    rows = bench.trained(variants, tell, _control_columns(bench))
+    rows = bench.trained(variants, progress, _control_columns(bench))
     return bench.written("scales", "Number of scales (the paper's Tables 10 and 11)", rows)
 
 
@@ -230,12 +231,12 @@ def normalised(bench: Bench, progress: Progress) -> list[Path]:
     ]
     control = _control_columns(bench)
 
-    def control_and_posterior(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
-        found = control(run, tokenizer)
+    def control_and_posterior(run: MSCoTRun) -> Mapping[str, Any]:
+        found = control(run)
         generator = load_generator("mscot", run.out / "weights")
         return {**found, **bench_posterior(generator, 2, positions=1)["summary"]}
 
-    rows = bench.trained(variants, tell, control_and_posterior)
+    rows = bench.trained(variants, progress, control_and_posterior)
     return bench.written("normalised", "Normalised against Euclidean codes (the paper's Tables 4 and 12)", rows)
 
 
@@ -257,12 +258,12 @@ def losses(bench: Bench, progress: Progress) -> list[Path]:
     return bench.written("losses", "Residual losses of the tokenizer", rows)
 
 
-def _control_columns(bench: Bench) -> Callable[[Run, Tokenizer], Mapping[str, Any]]:
+def _control_columns(bench: Bench) -> Measure:
     """Trains the other two networks and controls five pelvis keyframes with them."""
 
-    def control(run: Run, tokenizer: Tokenizer) -> Mapping[str, Any]:
-        run.refiner()
-        run.transformer()
+    def control(run: MSCoTRun) -> Mapping[str, Any]:
+        run.train("refiner")
+        run.train("transformer")
         run.export()
         return controlled(load_generator("mscot", run.out / "weights"), bench.test_clips, 5)
 
@@ -271,15 +272,15 @@ def _control_columns(bench: Bench) -> Callable[[Run, Tokenizer], Mapping[str, An
 
 def refiner(bench: Bench, progress: Progress) -> list[Path]:
     """Table 14: token refiners on the finished weights' tokenizer."""
-    bundle, recipe = bench.generator.bundle, shortened(bench.recipe, bench.iterations)
-    run = Run(recipe, bench.data, bench.out / "models", where=bench.where)
-    test = beginnings(run.windows(["test"], False), 64)
+    bundle, recipe = bench.generator.bundle, shortened(TRAINING, bench.recipe, bench.iterations)
+    run = Run(TRAINING, recipe, bench.data, bench.out / "models", where=bench.where)
+    test = beginnings(run.clips(["test"], False), 64)
 
     def row(name: str) -> Row:
         config = RefinerConfig.model_validate({**recipe.model.refiner.model_dump(), **REFINERS[name]})
         folder = bench.out / "models" / f"refiner-{config.kind}-{config.layers}-{bench.iterations}"
-        tokenizer, data = deepcopy(bundle.tokenizer), run.windows(["train"], True)
-        loop = train_refiner(config, tokenizer, recipe.refiner, data, folder, recipe.seed, bench.where)
+        tokenizer, data = deepcopy(bundle.tokenizer), run.clips(["train"], True).on(bench.where.device)
+        loop = train_refiner(config, tokenizer, recipe.refiner, Job(data, folder, recipe.seed, bench.where))
         trained = loop.averaged.cpu().eval().requires_grad_(False)
         assert isinstance(trained, Refiner)
         return {
@@ -408,9 +409,9 @@ def controlled(
 def figures(bench: Bench, progress: Progress) -> list[Path]:
     """Fig. 5 to 8: what the scales hold, what guidance does at each, which codes are used and which are tilted."""
     from scenectl.bench.studies.figures import draw_code_use, draw_scales, draw_spectrogram, draw_tilt, guided_scales
-    from scenectl.training.sources import windows
+    from scenectl.data.sources import load_clips
 
-    test = windows(bench.data, ["test"], None, bench.out / "models" / "data", 0)
+    test = load_clips(bench.data, ["test"], None, bench.out / "models" / "data", 0)
     generator = bench.generator
     progress("spectrogram", 0.0)
     spectrogram, use = bench.out / "spectrogram.png", bench.out / "code-use.png"

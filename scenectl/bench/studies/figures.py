@@ -13,15 +13,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term
+from scenectl.data.clips import ClipSet, beginnings
 from scenectl.data.features import FPS, features_to_joints
 from scenectl.generators.base import Guide
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.posterior import Scale, tilted
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.measures import beginnings, code_use
+from scenectl.generators.mscot.training.measures import code_use
 from scenectl.pipeline.generation import make
-from scenectl.training.dataset import Windows
-from scenectl.view.strip import draw_strips
+from scenectl.view.strips import draw_strips
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.files import atomic_write
@@ -36,7 +36,7 @@ _BLUE, _RED, _GREY = "#2f6fb0", "#c0392b", "#9a9a9a"
 
 
 @torch.no_grad()
-def draw_spectrogram(tokenizer: Tokenizer, test: Windows, png: Path) -> None:
+def draw_spectrogram(tokenizer: Tokenizer, test: ClipSet, png: Path) -> None:
     """Energy of joint velocities over time and frequency, decoded from ever more scales, beside the real clip (Fig. 5).
 
     The clip is the first of the split, four seconds long or more, whose caption speaks of walking or running.
@@ -89,7 +89,7 @@ def spectrogram(joints: Float[Tensor, "T J 3"]) -> Float[Tensor, "S H"]:
     return torch.fft.rfft(pieces * torch.hann_window(_SPAN)).abs().square().sum(1)
 
 
-def _travelling(test: Windows) -> tuple[str, Tensor]:
+def _travelling(test: ClipSet) -> tuple[str, Tensor]:
     long = [i for i, n in enumerate(test.lengths.tolist()) if n >= 80]
     if not long:
         raise UserError("no test clip of four seconds to draw a spectrogram of; add longer clips")
@@ -100,7 +100,7 @@ def _travelling(test: Windows) -> tuple[str, Tensor]:
     return test.captions[clip][0], test.features[start : start + frames][None]
 
 
-def draw_code_use(tokenizer: Tokenizer, test: Windows, png: Path) -> None:
+def draw_code_use(tokenizer: Tokenizer, test: ClipSet, png: Path) -> None:
     """Share of the codes that each scale uses on held-out clips, and how evenly (Fig. 7)."""
     features = beginnings(test, 64)
     rows, codes = code_use(tokenizer, features), tokenizer.config.codes

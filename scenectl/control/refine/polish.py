@@ -1,10 +1,9 @@
 """The last centimetre of targets: a smooth move of joints, without the decoder.
 
-Near its end a search through the decoder pays a pass for each millimetre. What is within `REACH` of its targets is
-moved the rest of the way in the joints themselves: by the least move that is smooth in time and dies away along the
-limbs. Nothing goes stale by it, as motions are joints: whoever needs rotations, velocities and contacts derives them
-from these (`joints_to_features`), and so they agree with what was moved. It is kept only where it is as small as that,
-strains no bone, and the goals are the better for it.
+Near its end a search through the decoder pays a pass for each millimetre. What is within `Thresholds.reach` of its
+targets is moved the rest of the way in the joints themselves: by the least move that is smooth in time and dies away
+along the limbs. Rotations, velocities and contacts are derived from joints (`joints_to_features`), and so agree with
+what was moved. A move is kept only where it is as small as that, strains no bone, and meets the goals.
 """
 
 from __future__ import annotations
@@ -13,42 +12,35 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from objectives import Objective
-from scenectl.control.refine.natural import bone_errors
+from scenectl.control.refine.body_costs import bone_errors
 from scenectl.control.settings import SolverSettings
+from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Price
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
 
-REACH = 0.01
-"""Metres from their targets at which searches through a decoder end, and polishing begins."""
-_FURTHEST, _STRETCH = 3 * REACH, 0.5 * REACH
-"""Metres by which a joint may be moved, and by which the bones of a frame may be further from their lengths for it."""
-_ITERATIONS = 20
 SMOOTH = Price(product=0.1, row=0.05)
-"""Moves need no decoder: products are two small matrices."""
-_SECONDS, _BONES = 0.15, 3.0
-"""Spread of a move over time (standard deviation), and along the limbs (to 1/e)."""
+"""Products with a smooth move need no decoder, and many go through two small matrices at once.
+
+Measured by `scenectl bench prices`.
+"""
 
 
-def loosened(objective: Objective) -> Objective:
-    """The objective, with targets counting as met as soon as they are in reach of polishing."""
-    return Objective(tuple(term.loosened(REACH) for term in objective.terms))
+def polishing(settings: SolverSettings, thresholds: Thresholds = THRESHOLDS) -> SolverSettings:
+    """For the search in joints: few steps of the solver that fits, for every sample that is near its targets."""
+    fewer = min(settings.iterations, int(thresholds.polish_steps))
+    return settings.model_copy(update={"name": "auto", "step": None, "enough": None, "iterations": fewer})
 
 
-def polishing(settings: SolverSettings) -> SolverSettings:
-    """For the search in joints, whose numbers are metres: none of what was set for a decoder's fits."""
-    return SolverSettings(iterations=min(settings.iterations, _ITERATIONS))
-
-
-def bearable(before: Motion, after: Motion) -> Bool[Tensor, " S"]:
+def kept(before: Motion, after: Motion, thresholds: Thresholds = THRESHOLDS) -> Bool[Tensor, " S"]:
     """Samples that were moved by little and keep their bones."""
     moved = ((after.joints - before.joints).norm(dim=-1) * before.valid[..., None]).amax((-2, -1))
     stretched = (bone_errors(after) - bone_errors(before)).amax(-1)
-    return (moved <= _FURTHEST) & (stretched <= _STRETCH)
+    reach = thresholds.reach
+    return (moved <= thresholds.furthest * reach) & (stretched <= thresholds.polish_stretch * reach)
 
 
 @dataclass(frozen=True)
@@ -58,23 +50,32 @@ class SmoothStep:
     Attributes:
         value: moves before they are spread, m.
         base: the motion.
+        price, unit: see `Step`; moves are in metres.
+        time, limbs: over which moves spread, s and bones.
     """
 
     value: Float[Tensor, "S T J 3"]
     base: Motion
     price: Price = SMOOTH
     unit: float = 1.0
+    time: float = THRESHOLDS.spread_time
+    limbs: float = THRESHOLDS.spread_bones
 
     @classmethod
-    def of(cls, base: Motion) -> SmoothStep:
+    def of(cls, base: Motion, thresholds: Thresholds = THRESHOLDS) -> SmoothStep:
         """No move yet."""
-        return cls(torch.zeros_like(base.joints), base)
+        time, limbs = thresholds.spread_time, thresholds.spread_bones
+        return cls(torch.zeros_like(base.joints), base, time=time, limbs=limbs)
 
     def decode(self, value: Float[Tensor, "S T J 3"]) -> Motion:
         return replace(self.base, joints=self.base.joints + self._spread(value))
 
     def at(self, value: Float[Tensor, "S T J 3"]) -> SmoothStep:
         return replace(self, value=value)
+
+    def take(self, samples: Int[Tensor, " s"]) -> SmoothStep:
+        base = replace(self.base, joints=self.base.joints[samples], valid=self.base.valid[samples])
+        return replace(self, value=self.value[samples], base=base)
 
     @property
     @torch.no_grad()
@@ -92,21 +93,17 @@ class SmoothStep:
 
     def _spread(self, value: Float[Tensor, "*r S T J 3"]) -> Float[Tensor, "*r S T J 3"]:
         times = torch.arange(self.base.frames, dtype=value.dtype, device=value.device) / self.base.fps
-        over_time = torch.exp(-0.5 * ((times[:, None] - times) / _SECONDS).square())
-        joints = _along_limbs(self.base.skeleton).to(value) @ value
+        over_time = torch.exp(-0.5 * ((times[:, None] - times) / self.time).square())
+        between = value.new_tensor(_bones_between(self.base.skeleton))
+        joints = torch.exp(-between / self.limbs) @ value  # less with every bone between a joint and another
         return (over_time @ joints.flatten(-2)).unflatten(-1, joints.shape[-2:])
-
-
-def _along_limbs(skeleton: Skeleton) -> Float[Tensor, "J J"]:
-    """How much of a joint's move each other joint shares: less with every bone between them."""
-    return torch.exp(-torch.tensor(_bones_between(skeleton)) / _BONES)
 
 
 @cache
 def _bones_between(skeleton: Skeleton) -> list[list[float]]:
     joints = len(skeleton.names)
     steps = [[0.0 if a == b else float("inf") for a in range(joints)] for b in range(joints)]
-    for parent, child in skeleton.bones:  # parents precede children: whatever leads to the parent leads on
+    for parent, child in skeleton.bones:  # parents precede children: a way to the parent leads on
         for other in range(child):
             steps[child][other] = steps[other][child] = steps[parent][other] + 1
     return steps

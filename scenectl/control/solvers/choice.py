@@ -1,27 +1,27 @@
-"""Which solver a problem is given to, and that solver at work."""
+"""Which solver a problem is given to, by what products with its Jacobian cost, and that solver at work."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil
 from typing import Literal
+
+from jaxtyping import Float
+from torch import Tensor
 
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.first_order import adam, gradient_ascent, lbfgs
 from scenectl.control.solvers.least_squares import gauss_newton, levenberg_marquardt
 from scenectl.control.solvers.problem import Problem, Search, Solution
+from scenectl.control.thresholds import THRESHOLDS, Thresholds
 
 Name = Literal["gradient", "adam", "lbfgs", "lm", "gauss_newton"]
 
-FEW_ROWS = 48
-"""Rows up to which a system of their own size, and a backward pass for each, is cheaper than products with J."""
+Solver = Callable[[Search], Float[Tensor, "S n"] | None]
+"""Searches, and returns the points from which L-BFGS is to go on, or None where the search is over."""
 
-FEW_AWAKE = 24
-"""The same where other rows sleep: they cost passes as they wake."""
-
-_PASSES = 10
-"""That a step of Gauss-Newton takes, about: where it is chosen, it makes so many times fewer steps than others."""
-
-_SOLVERS: dict[str, Callable[[Search], None]] = {
+_SOLVERS: dict[Name, Solver] = {
     "gradient": gradient_ascent,
     "adam": adam,
     "lbfgs": lbfgs,
@@ -30,29 +30,45 @@ _SOLVERS: dict[str, Callable[[Search], None]] = {
 }
 
 
-def minimise(problem: Problem, settings: SolverSettings) -> Solution:
+@dataclass(frozen=True)
+class Choice:
+    """A solver, and how many steps it is given."""
+
+    name: Name
+    iterations: int
+
+
+def minimise(problem: Problem, settings: SolverSettings, thresholds: Thresholds = THRESHOLDS) -> Solution:
     """Minimise each sample's cost from the problem's start, by the solver of the settings or by the fitting one."""
-    name = choose(problem) if settings.name == "auto" else settings.name
-    if settings.name == "auto" and name == "gauss_newton":
-        settings = settings.model_copy(update={"iterations": -(-settings.iterations // _PASSES)})
-    search = Search(problem, settings, name)
-    _SOLVERS[name](search)
-    return search.solution
+    choice = choose(problem, settings, thresholds)
+    search, name = Search(problem, settings.model_copy(update={"name": choice.name}), thresholds), choice.name
+    search.iterations = choice.iterations
+    left = _SOLVERS[name](search)
+    if left is not None:
+        name, search.begin, search.iterations = "lbfgs", left, search.iterations - max(len(search.history) - 1, 0)
+        lbfgs(search)
+    return search.solution(name)
 
 
-def choose(problem: Problem) -> Name:
-    """The solver that fits the rows at the start.
+def choose(problem: Problem, settings: SolverSettings, thresholds: Thresholds = THRESHOLDS) -> Choice:
+    """The solver of the settings, or else the one that fits the rows at the start at the problem's prices.
 
-    Few make a small dual system and many do not. A row that is exactly zero there belongs to a goal that is one-sided
+    Few rows make a small dual system and many do not. A row that is exactly zero belongs to a goal that is one-sided
     (a wall, a height limit) and may wake up at any step. Levenberg-Marquardt learns of a few such; where walls wake
     by the hundred, Gauss-Newton gets there in few steps but pays more passes for each than L-BFGS needs in all.
+    A step of Gauss-Newton takes about as many products as ten steps of the others take passes: it gets fewer steps.
     """
+    if settings.name != "auto":
+        return Choice(settings.name, settings.iterations)
     if problem.opening is None:
-        return "lbfgs"
+        return Choice("lbfgs", settings.iterations)
     rows = problem.opening.rows
     if not rows.shape[1] or not bool(rows.isfinite().all()):
-        return "lbfgs"
+        return Choice("lbfgs", settings.iterations)
     awake = (rows != 0).any(0)
-    if awake.sum() <= (FEW_ROWS if awake.all() else FEW_AWAKE):
-        return "lm"
-    return "gauss_newton" if awake.all() else "lbfgs"
+    budget = thresholds.rows if awake.all() else thresholds.rows_sleeping
+    if int(awake.sum()) <= round(budget / problem.price.row):
+        return Choice("lm", settings.iterations)
+    if bool(awake.all()) and problem.price.product <= thresholds.product:
+        return Choice("gauss_newton", ceil(thresholds.newton_share * settings.iterations - 1e-9))
+    return Choice("lbfgs", settings.iterations)

@@ -7,7 +7,6 @@ batch gives what a loop over its samples would.
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.control.solvers.problem import Search
@@ -15,8 +14,8 @@ from scenectl.control.solvers.problem import Search
 
 def gradient_ascent(search: Search) -> None:
     """Eq. 12 as algorithm 3 writes it: a constant step along the gradient."""
-    x, step = search.start, search.settings.step or 0.01
-    for _ in range(search.settings.iterations):
+    x, step = search.begin, search.settings.step or 0.01
+    for _ in range(search.iterations):
         value, gradient = search.evaluate(x)
         search.accept(x, value)
         if not search.active.any():
@@ -27,9 +26,9 @@ def gradient_ascent(search: Search) -> None:
 
 def adam(search: Search) -> None:
     """Adam with a constant step; its scaling is per number, so samples stay independent."""
-    x, step = search.start.clone(), search.settings.step or 0.05
+    x, step = search.begin.clone(), search.settings.step or 0.05
     first, second = torch.zeros_like(x), torch.zeros_like(x)
-    for i in range(1, search.settings.iterations + 1):
+    for i in range(1, search.iterations + 1):
         value, gradient = search.evaluate(x)
         search.accept(x, value)
         if not search.active.any():
@@ -41,45 +40,34 @@ def adam(search: Search) -> None:
     search.accept(x, search.evaluate(x)[0])
 
 
-_MEMORY = 12
-_WOLFE_DECREASE, _WOLFE_CURVATURE = 1e-4, 0.9
-_MAX_SEARCH = 10
-
-
-def lbfgs(search: Search, x: Float[Tensor, "S n"] | None = None, iterations: int | None = None) -> None:
-    """L-BFGS with a strong-Wolfe search by bisection, batched (Nocedal and Wright, algorithms 7.4 and 3.5).
-
-    Args:
-        search: what to solve.
-        x: where to begin instead of the problem's start.
-        iterations: at most so many, instead of the settings'.
-    """
-    x = search.start.clone() if x is None else x
+def lbfgs(search: Search) -> None:
+    """L-BFGS with a strong-Wolfe search by bisection, batched (Nocedal and Wright, algorithms 7.4 and 3.5)."""
+    x, limits = search.begin.clone(), search.thresholds
     value, gradient = search.evaluate(x)
     search.accept(x, value)
     pairs: list[tuple[Tensor, Tensor, Tensor]] = []
     fresh = torch.ones_like(search.active)  # samples without memory: their first step is short
-    for _ in range(search.settings.iterations if iterations is None else iterations):
+    for _ in range(search.iterations):
         direction = -_two_loops(gradient, pairs)
         slope = (direction * gradient).sum(1)
         # Where memory gives no descent, start again from the gradient.
         direction = torch.where((slope >= 0)[:, None], -gradient, direction)
-        short = (0.1 / gradient.norm(dim=1).clamp_min(1e-12)).clamp_max(1.0)
+        short = (limits.first_move / gradient.norm(dim=1).clamp_min(1e-12)).clamp_max(1.0)
         length = torch.where(fresh, short, torch.ones_like(short)) * search.active
         moved, new_value, new_gradient = _line_search(search, x, value, gradient, direction, length)
         # A kink in the cost (a wall, a hinge) can spoil the memory: a sample whose search found nothing forgets it, and
         # is done if it had none, as it would only try the same again.
         still = (moved == x).all(1)
-        if (hopeless := still & fresh & search.active).any():
-            search.retire(hopeless & search.problem.done(x), "met")
-            search.retire(hopeless, "no progress")
+        if (stuck := still & fresh & search.active).any():
+            search.retire(stuck & search.problem.done(x), "met")
+            search.retire(stuck, "no progress")
         fresh = still
         pairs = [(s, y, torch.where(fresh, torch.zeros_like(rho), rho)) for s, y, rho in pairs]
         s, y = moved - x, new_gradient - gradient
         sy = (s * y).sum(1)
         keep = sy > 1e-10 * s.norm(dim=1) * y.norm(dim=1)
         pairs.append((s, y, torch.where(keep, 1.0 / sy.clamp_min(1e-30), torch.zeros_like(sy))))
-        pairs = pairs[-_MEMORY:]
+        pairs = pairs[-int(limits.memory) :]
         x, value, gradient = moved, new_value, new_gradient
         search.accept(x, value)
         if not search.active.any():
@@ -107,16 +95,16 @@ def _line_search(
     search: Search, x: Tensor, value: Tensor, gradient: Tensor, direction: Tensor, length: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Step lengths with enough decrease and a flatter slope, by bisection; samples that find none stay put."""
-    slope = (direction * gradient).sum(1)
+    slope, limits = (direction * gradient).sum(1), search.thresholds
     low, high = torch.zeros_like(length), torch.full_like(length, torch.inf)
     found = ~(length > 0)
     best_x, best_value, gradient_at = x, value, gradient
-    for _ in range(_MAX_SEARCH):
+    for _ in range(int(limits.trials)):
         trial = x + length[:, None] * direction
         trial_value, trial_gradient = search.evaluate(trial)
-        decreases = trial_value <= value + _WOLFE_DECREASE * length * slope
+        decreases = trial_value <= value + limits.decrease * length * slope
         trial_slope = (trial_gradient * direction).sum(1)
-        flat = trial_slope.abs() <= _WOLFE_CURVATURE * slope.abs()
+        flat = trial_slope.abs() <= limits.curvature * slope.abs()
         beyond = ~decreases | (trial_slope > 0)  # a minimum lies before the trial
         take = ~found & decreases & (trial_value <= best_value)
         best_x = torch.where(take[:, None], trial, best_x)

@@ -23,34 +23,21 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenectl.control.solvers.first_order import lbfgs
 from scenectl.control.solvers.problem import Linearisation, Search
-
-_FIRST_DAMPING = 5e-2
-"""Of the mean diagonal of J J^T (or of the rows' mean square, where J is not formed)."""
-_LEAST_DAMPING = 1e-8
-_GOOD = 0.1
-"""A Jacobian serves once more where the cost has fallen to this share of what it was, or lower."""
-_CG_ITERATIONS, _CG_TOLERANCE = 20, 0.05
-_ROUNDS, _CG_ROUNDS = 6, 3
-"""Of finding which one-sided rows count for a step, exactly and by conjugate gradients."""
-_MANY, _WOKEN = 640, 48
-"""Rows of all samples together, and rows that wake on the way, with which Levenberg-Marquardt goes on as L-BFGS: each
-costs it a backward pass wherever it forms J."""
 
 
 class _Damping:
     """Each sample's damping, by how well its model foretold the cost (Nielsen's rule)."""
 
-    def __init__(self, first: Float[Tensor, " S"]) -> None:
-        self.value, self._growth = first.clamp_min(_LEAST_DAMPING), torch.full_like(first, 2.0)
+    def __init__(self, first: Float[Tensor, " S"], least: float) -> None:
+        self.value, self._growth, self._least = first.clamp_min(least), torch.full_like(first, 2.0), least
 
     def update(self, gain: Float[Tensor, " S"], better: Bool[Tensor, " S"], tried: Bool[Tensor, " S"]) -> None:
         """Less where steps were as good as foretold, more and more where they were no use."""
         eased = self.value * (1 - (2 * gain.clamp(0, 1) - 1) ** 3).clamp_min(1 / 5)
         raised = self.value * self._growth
         growth = torch.where(better, torch.full_like(self._growth, 2.0), 2 * self._growth)
-        self.value = torch.where(tried, torch.where(better, eased, raised), self.value).clamp_min(_LEAST_DAMPING)
+        self.value = torch.where(tried, torch.where(better, eased, raised), self.value).clamp_min(self._least)
         self._growth = torch.where(tried, growth, self._growth)
 
 
@@ -73,24 +60,25 @@ def _has_cost(value: Float[Tensor, "S r"], one_sided: Bool[Tensor, "S r"]) -> Bo
     return ~one_sided | (value > 0)
 
 
-def levenberg_marquardt(search: Search) -> None:
+def levenberg_marquardt(search: Search) -> Float[Tensor, "S n"] | None:
     """Dual steps; a Jacobian is kept for as long as steps with it go well.
 
-    Where walls wake by the dozen, for any of the samples, L-BFGS takes over.
+    Returns the points from which to go on without a Jacobian, where walls wake by the dozen for any of the samples:
+    each would cost a row wherever it is formed. None where the search is over.
     """
-    x = search.start
+    x, limits, row = search.begin, search.thresholds, search.problem.price.row
     value, at = search.linearise(x)
     search.accept(x, value, at.met)
     rows, first = at.rows, (at.rows != 0).any(0)
-    if first.sum() > _MANY:
-        _hand_over(search, x, done=0)
-        return
+    if int(first.sum()) > round(limits.rows_first / row):
+        return x if search.active.any() else None
     model, hinges = _Rows.of(at), _Hinges(at.rows)
-    damping = _Damping(_FIRST_DAMPING * model.jacobian.square().sum(-1).mean(-1).nan_to_num(0.0))
+    scale = model.jacobian.square().sum(-1).mean(-1).nan_to_num(0.0)
+    damping = _Damping(limits.damping * scale, limits.least_damping)
     stale = torch.zeros_like(search.active)
-    for i in range(search.settings.iterations):
+    for _ in range(search.iterations):
         if not search.active.any():
-            return
+            return None
         step = _dual_step(model, search, x, damping.value)
         trial = torch.where(search.active[:, None], x + step, x)
         trial_value, trial_at = search.linearise(trial)
@@ -101,14 +89,13 @@ def levenberg_marquardt(search: Search) -> None:
         gain = (value - trial_value) / _foretold([model], [model.linear(step)], search, x, step)
         damping.update(gain, better, search.active & (better | ~stale))
         search.accept(trial, trial_value, trial_at.met)
-        good = better & (trial_value <= _GOOD * value)
+        good = better & (trial_value <= limits.good * value)
         model = model.moved(step, trial_at.rows, better)
         x, value = torch.where(better[:, None], trial, x), torch.where(better, trial_value, value)
         rows = torch.where(better[:, None], trial_at.rows, rows)
         awake = (trial_at.rows != 0) & trial_at.rows.isfinite() & search.active[:, None]
-        if (awake.any(0) & ~first).sum() > _WOKEN:
-            _hand_over(search, x, done=i + 1)
-            return
+        if int((awake.any(0) & ~first).sum()) > round(limits.rows_woken / row):
+            return x if search.active.any() else None
         if bool((woken & ~better).any()):
             model = model.warned(trial_at, step, woken & ~better)
         renew = failed | (search.active & better & (~good | woken))
@@ -116,13 +103,7 @@ def levenberg_marquardt(search: Search) -> None:
             model = model.renewed(trial_at if not failed.any() else search.linearise(x)[1], renew)
         model = model.with_hinges(hinges, rows)
         stale = ~renew & (stale | better)
-
-
-def _hand_over(search: Search, x: Float[Tensor, "S n"], done: int) -> None:
-    """To L-BFGS, with all samples, for the steps that are left."""
-    if search.active.any():
-        search.solution.solver = "lbfgs"
-        lbfgs(search, x, search.settings.iterations - done)
+    return None
 
 
 @dataclass(frozen=True)
@@ -212,13 +193,13 @@ class _Rows:
 
 def _dual_step(model: _Rows, search: Search, x: Tensor, damping: Float[Tensor, " S"]) -> Float[Tensor, "S n"]:
     """The minimiser, by the push-through identity: a system of as many unknowns as rows for every sample."""
-    prior = search.settings.prior
+    prior = search.prior
     total = prior + damping
     home = (prior / total)[:, None] * (search.start - x)
     gram = model.jacobian @ model.jacobian.mT
     wanted = -model.linear(home)
     step, counts = home, model.counts(model.value)
-    for _ in range(_ROUNDS):
+    for _ in range(int(search.thresholds.dual_rounds)):
         # A row that doesn't count has a system of its own, with the answer 0.
         system = gram * counts[:, None] * counts[..., None] + torch.diag_embed(total[:, None].expand_as(wanted))
         factor, _ = torch.linalg.cholesky_ex(system)
@@ -234,7 +215,7 @@ def _foretold(
     planes: Sequence[_Rows | _Plane], linear: Sequence[Tensor], search: Search, x: Tensor, step: Tensor
 ) -> Float[Tensor, " S"]:
     """By how much the model says that the cost falls, with its rows as they are `linear` ly after the step."""
-    away, prior = x - search.start, search.settings.prior
+    away, prior = x - search.start, search.prior
     fall = prior * (away.square().sum(1) - (away + step).square().sum(1))
     for plane, value in zip(planes, linear, strict=True):
         before, after = (v * plane.counts(v) for v in (plane.value, value))
@@ -244,16 +225,17 @@ def _foretold(
 
 def gauss_newton(search: Search) -> None:
     """Steps by conjugate gradients on the normal equations, truncated (Nocedal and Wright, algorithm 7.1)."""
-    x = search.start
+    x, limits = search.begin, search.thresholds
     value, at = search.linearise(x)
     search.accept(x, value, at.met)
-    damping, hinges = _Damping(_FIRST_DAMPING * at.rows.square().mean(1)), _Hinges(at.rows)
+    damping = _Damping(limits.damping * at.rows.square().mean(1), limits.least_damping)
+    hinges = _Hinges(at.rows)
     behind: list[_Left] = []
-    for _ in range(search.settings.iterations):
+    for _ in range(search.iterations):
         if not search.active.any():
             return
         planes = [left.seen_from(x, hinges) for left in behind]
-        search.solution.evaluations += len(planes)
+        search.evaluations += len(planes)
         mine = torch.ones_like(at.rows, dtype=torch.bool)
         for plane in planes:
             mine = mine & ~plane.mine
@@ -334,11 +316,11 @@ def _conjugate_gradients(
     """A step, and each plane's rows after it."""
     step, linear = torch.zeros_like(x), [plane.value for plane in planes]
     counts = [plane.counts(value) for plane, value in zip(planes, linear, strict=True)]
-    for _ in range(_CG_ROUNDS):
+    for _ in range(int(search.thresholds.cg_rounds)):
         step = _truncated(planes, counts, search, x, step, damping)
         if not step.any():
             break
-        search.solution.evaluations += len(planes)
+        search.evaluations += len(planes)
         linear = [plane.value + plane.at.jvp(step) for plane in planes]
         before, counts = counts, [plane.counts(value) for plane, value in zip(planes, linear, strict=True)]
         if all(torch.equal(a, b) for a, b in zip(before, counts, strict=True)):
@@ -355,11 +337,11 @@ def _truncated(
     damping: Float[Tensor, " S"],
 ) -> Float[Tensor, "S n"]:
     """Conjugate gradients from a step, for the rows that count."""
-    prior = search.settings.prior
+    prior, limits = search.prior, search.thresholds
     total = (prior + damping)[:, None]
 
     def image(d: Tensor) -> Tensor:
-        search.solution.evaluations += len(planes)
+        search.evaluations += len(planes)
         out = total * d
         for plane, mine in zip(planes, counts, strict=True):
             out = out + plane.at.vjp(plane.at.jvp(d) * mine)
@@ -370,8 +352,8 @@ def _truncated(
         downhill = downhill - plane.at.vjp(plane.value * mine)
     rest = downhill - image(step) if step.any() else downhill
     direction, size, begun = rest.clone(), rest.square().sum(1), downhill.square().sum(1)
-    for _ in range(_CG_ITERATIONS):
-        if not bool(((size > _CG_TOLERANCE**2 * begun) & search.active).any()):
+    for _ in range(int(limits.cg_steps)):
+        if not bool(((size > limits.cg_tolerance**2 * begun) & search.active).any()):
             break
         curved = image(direction)
         curvature = (direction * curved).sum(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Protocol, runtime_checkable
 
@@ -12,13 +12,15 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from scenectl.control.settings import SolverSettings
+from scenectl.control.thresholds import THRESHOLDS, Thresholds
+from scenectl.generators.base import Price
 
 Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
 """Costs of a batch of points, differentiable, each depending on its own point alone."""
 
 Reason = Literal["met", "no progress", "budget", "abandoned", "strained"]
-"""Why a search ended: every term within its tolerance, nothing more to gain, all steps spent, enough other samples met,
-or a body that could bear no more (`scenectl.control.refine.natural`)."""
+"""Why a search ended: every term within its tolerance, no further decrease, all steps spent, enough other samples met,
+or a body strained by goals that it can't meet (`scenectl.control.refine.body_costs`)."""
 
 
 @runtime_checkable
@@ -47,8 +49,16 @@ class Linearisation(Protocol):
     def vjp(self, cotangent: Float[Tensor, "S R"]) -> Float[Tensor, "S n"]: ...
 
     def jacobian(self, rows: Bool[Tensor, " R"]) -> Float[Tensor, "S r n"]:
-        """The Jacobian of some rows, one backward pass each."""
+        """The Jacobian of some rows."""
         ...
+
+
+_CHEAP = Price(product=0.5, row=0.05)
+"""Of problems that state none."""
+
+
+def _never(x: Float[Tensor, "S n"]) -> Bool[Tensor, " S"]:
+    return torch.zeros_like(x[:, 0], dtype=torch.bool)
 
 
 @dataclass(frozen=True)
@@ -56,16 +66,20 @@ class Problem:
     """Independent costs to be minimised from a start.
 
     Attributes:
-        cost: goals and prior.
+        cost: of the goals; solvers add the prior.
         start: where to begin, ``[S, n]``; the prior pulls towards it.
         done: says of a batch of points which are good enough to stop at; a `Linearisation` knows it of its own.
         linearise: the goals as least squares at a batch of points; without it only `cost` can be followed.
+        price: what products with the Jacobian cost, in passes (`Step.price`).
+        unit: distance from the start that the prior counts as one (`Step.unit`).
     """
 
     cost: Cost
     start: Float[Tensor, "S n"]
-    done: Callable[[Tensor], Bool[Tensor, " S"]]
+    done: Callable[[Tensor], Bool[Tensor, " S"]] = _never
     linearise: Callable[[Float[Tensor, "S n"]], Linearisation] | None = None
+    price: Price = _CHEAP
+    unit: float = 1.0
 
     @cached_property
     def opening(self) -> Linearisation | None:
@@ -73,7 +87,7 @@ class Problem:
         return None if self.linearise is None else self.linearise(self.start.detach())
 
 
-@dataclass
+@dataclass(frozen=True)
 class Solution:
     """Where a solver ended.
 
@@ -84,6 +98,7 @@ class Solution:
         reasons: why each sample's search ended.
         evaluations: passes (cost and gradient, or a linearisation) that were made.
         history: best costs after each step.
+        moves: of joints, m, to be added to the motion of `value`; None where none are.
     """
 
     solver: str
@@ -91,67 +106,80 @@ class Solution:
     cost: Float[Tensor, " S"]
     reasons: list[Reason]
     evaluations: int = 0
-    history: list[Tensor] = field(default_factory=list)
+    history: tuple[Tensor, ...] = ()
+    moves: Float[Tensor, "S T J 3"] | None = None
 
-    def replace(
+    def merged(
         self, other: Solution, samples: Int[Tensor, " s"], better: Bool[Tensor, " s"], reason: Reason | None = None
-    ) -> None:
-        """Take over from a search of some `samples` those that are `better`; its passes count whichever they are."""
-        taken = samples[better]
-        self.value, self.cost = self.value.clone(), self.cost.clone()
-        self.value[taken], self.cost[taken] = other.value[better], other.cost[better]
+    ) -> Solution:
+        """With those of some `samples` of another search that are `better`; its passes count in any case."""
+        taken, value, cost, reasons = samples[better], self.value.clone(), self.cost.clone(), list(self.reasons)
+        value[taken], cost[taken] = other.value[better], other.cost[better]
         for theirs, mine in enumerate(samples.tolist()):
             if better[theirs]:
-                self.reasons[mine] = reason or other.reasons[theirs]
-        self.evaluations += other.evaluations
+                reasons[mine] = reason or other.reasons[theirs]
+        evaluations = self.evaluations + other.evaluations
+        return replace(self, value=value, cost=cost, reasons=reasons, evaluations=evaluations)
 
-    def settle(self, met: Bool[Tensor, " S"]) -> None:
-        """Say of each sample what came of it in the end: what was met loosely may not be, and the other way round."""
-        for sample, reached in enumerate(met.tolist()):
-            if reached:
-                self.reasons[sample] = "met"
-            elif self.reasons[sample] == "met":
-                self.reasons[sample] = "no progress"
+    def settled(self, met: Bool[Tensor, " S"]) -> Solution:
+        """With the reasons that agree with which samples are met in the end, at the goals' own tolerances."""
+        reasons: list[Reason] = []
+        for reached, reason in zip(met.tolist(), self.reasons, strict=True):
+            reasons.append("met" if reached else "no progress" if reason == "met" else reason)
+        return replace(self, reasons=reasons)
 
 
 _ASK_EVERY = 5
-"""Steps after which a problem is asked whether all is met."""
+"""Steps after which a problem is asked whether all is met: each costs a decoding."""
 
 
 class Search:
     """One solver at work on one problem.
 
     Attributes:
+        start: the problem's, at which the prior is zero.
+        begin: where the solver sets out: the start, or where another solver has left off.
+        iterations: steps at most.
+        prior: cost of a squared distance of one from the start.
         active: samples that are still searched for.
-        solution: the best so far.
+        evaluations: passes so far.
     """
 
-    def __init__(self, problem: Problem, settings: SolverSettings, name: str) -> None:
-        """Begin to solve `problem`, under the name of a solver."""
+    def __init__(self, problem: Problem, settings: SolverSettings, thresholds: Thresholds = THRESHOLDS) -> None:
+        """Begin to solve `problem`."""
         start = problem.start.detach()
-        self.problem, self.settings, self.start = problem, settings, start
-        worst = torch.full_like(start[:, 0], torch.inf)
-        self.solution = Solution(name, start.clone(), worst, ["budget"] * len(start))
-        self.idle = torch.zeros(len(start), dtype=torch.long)
-        self.active = torch.ones(len(start), dtype=torch.bool)
+        self.problem, self.settings, self.thresholds = problem, settings, thresholds
+        self.start, self.begin, self.iterations = start, start, settings.iterations
+        self.prior = settings.prior / problem.unit**2
+        self.evaluations, self.history = 0, list[Tensor]()
+        self.value, self.cost = start.clone(), torch.full_like(start[:, 0], torch.inf)
+        self.reasons: list[Reason] = ["budget"] * len(start)
+        self.idle = torch.zeros_like(start[:, 0], dtype=torch.long)
+        self.active = torch.ones_like(start[:, 0], dtype=torch.bool)
+
+    def solution(self, solver: str) -> Solution:
+        """The best so far, under the name of a solver."""
+        return Solution(solver, self.value, self.cost, list(self.reasons), self.evaluations, tuple(self.history))
 
     def evaluate(self, x: Float[Tensor, "S n"]) -> tuple[Float[Tensor, " S"], Float[Tensor, "S n"]]:
-        """Cost and gradient; points that are not numbers count as infinitely bad."""
+        """Cost, prior included, and gradient; points that are not numbers count as infinitely bad."""
         x = x.detach().requires_grad_(True)
         with torch.enable_grad():
+            away = (x - self.start).square().sum(1) if self.prior else None
             value = self.problem.cost(x)
+            value = value if away is None else value + self.prior * away
             (gradient,) = torch.autograd.grad(value.sum(), x)
-        self.solution.evaluations += 1
+        self.evaluations += 1
         value = torch.where(value.isfinite(), value, torch.full_like(value, torch.inf)).detach()
         return value, torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
 
     def linearise(self, x: Float[Tensor, "S n"]) -> tuple[Float[Tensor, " S"], Linearisation]:
         """Cost, prior included, and least-squares rows."""
         if self.problem.linearise is None or self.problem.opening is None:
-            raise TypeError(f"solver '{self.solution.solver}' needs the goals as least squares")
+            raise TypeError(f"solver '{self.settings.name}' needs the goals as least squares")
         found = self.problem.opening if x is self.start else self.problem.linearise(x.detach())
-        self.solution.evaluations += 1
-        value = found.cost + self.settings.prior * (x - self.start).square().sum(1)
+        self.evaluations += 1
+        value = found.cost + self.prior * (x - self.start).square().sum(1)
         return torch.where(value.isfinite(), value, torch.full_like(value, torch.inf)).detach(), found
 
     def accept(self, x: Tensor, value: Tensor, met: Bool[Tensor, " S"] | None = None) -> None:
@@ -159,24 +187,24 @@ class Search:
 
         Where it is not known which points are `met`, the problem is asked now and then, as that costs a decoding.
         """
-        best = self.solution.cost
+        best = self.cost
         worthwhile = value < best - self.settings.progress * best.abs().nan_to_num(posinf=0.0)
         better = value < best
-        self.solution.value = torch.where(better[:, None], x.detach(), self.solution.value)
-        self.solution.cost = torch.where(better, value, best)
-        self.solution.history.append(self.solution.cost.clone())
+        self.value = torch.where(better[:, None], x.detach(), self.value)
+        self.cost = torch.where(better, value, best)
+        self.history.append(self.cost.clone())
         self.idle = torch.where(worthwhile | best.isinf(), torch.zeros_like(self.idle), self.idle + 1)
         self.retire(self.idle >= self.settings.patience, "no progress")
         if met is not None:
             self.retire(better & met, "met")
-        elif len(self.solution.history) % _ASK_EVERY == 0:
-            self.retire(self.problem.done(self.solution.value), "met")
+        elif len(self.history) % _ASK_EVERY == 0:
+            self.retire(self.problem.done(self.value), "met")
         enough = self.settings.enough
-        if enough is not None and self.solution.reasons.count("met") >= enough:
+        if enough is not None and self.reasons.count("met") >= enough:
             self.retire(self.active.clone(), "abandoned")
 
     def retire(self, which: Bool[Tensor, " S"], reason: Reason) -> None:
         """Search no more for some samples."""
         for i in (which & self.active).nonzero()[:, 0].tolist():
-            self.solution.reasons[i] = reason
-        self.active &= ~which
+            self.reasons[i] = reason
+        self.active = self.active & ~which

@@ -48,7 +48,9 @@ def load_bundle(weights: Weights, with_metric: bool = True) -> Bundle:
         weights: a folder, described.
         with_metric: read the metric, too, where there is one.
     """
-    config = _config(weights.config, f"weights in '{weights.folder}'")
+    config = _config(weights.config)
+    if config is None:
+        raise UserError(f"weights in '{weights.folder}' describe no model of this family; copy them anew")
     if any(_config_of(weights, part) != config for part in PARTS):
         raise UserError(f"weights in '{weights.folder}' belong to different models; copy all files from one training")
     networks = build(config)
@@ -77,17 +79,17 @@ def _metric(weights: Weights, config: ModelConfig) -> Metric | None:
     return metric.requires_grad_(False)
 
 
-def _config_of(weights: Weights, part: str) -> ModelConfig:
-    """What a part's own header says, with today's defaults for fields that it does not know."""
-    path = weights.part(part)
-    return _config(read_about(path).get("config"), f"weights '{path}'")
+def _config_of(weights: Weights, part: str) -> ModelConfig | None:
+    """What a part's own header says; raises UserError for a damaged one."""
+    return _config(read_about(weights.part(part)).get("config"))
 
 
-def _config(given: Mapping[str, Any] | None, what: str) -> ModelConfig:
+def _config(given: Mapping[str, Any] | None) -> ModelConfig | None:
+    """A configuration with today's defaults for fields that it does not know; None where it is no MSCoT's."""
     try:
         return ModelConfig.model_validate(given)
-    except ValidationError as error:
-        raise UserError(f"{what} describe no model ({str(error).splitlines()[0]})") from error
+    except ValidationError:
+        return None
 
 
 def build(config: ModelConfig) -> tuple[Tokenizer, ScaleTransformer, Refiner]:

@@ -9,10 +9,11 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from scenectl.data.features import joints_to_features, rotation_about_y
+from scenectl.data.features import joints_to_features
 from scenectl.generators.mscot.networks.tokenizer import Quantiser, Tokenizer
 from scenectl.generators.mscot.schedule import DOWNSAMPLING, MAX_FRAMES, tokens_for
 from scenectl.generators.windows import Windows
+from scenes.motion.headings import rotation_about_y
 from scenes.motion.motion import Motion
 
 LONGEST = MAX_FRAMES // DOWNSAMPLING

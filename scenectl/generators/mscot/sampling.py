@@ -22,7 +22,7 @@ from scenectl.generators.mscot.schedule import tokens_for
 from scenectl.generators.mscot.settings import Sampling
 from scenectl.generators.mscot.step import step_of
 from scenectl.generators.prompts import Prompts
-from scenectl.generators.spec import check_samples
+from scenectl.generators.spec import check_request
 from scenectl.generators.windows import Windows
 from scenectl.networks.precision import cpu_has_bfloat16
 from scenectl.networks.text import TextFeatures
@@ -98,11 +98,11 @@ class MSCoT:
         """Motions for one sentence, in world coordinates, ``[samples, T, 22, 3]`` with T = seconds x 20.
 
         Raises:
-            UserError: no text or several sentences, no sample, or a length outside 1.8 to 60 s.
+            UserError: no text or several sentences, no sample, no start, or a length outside 1.8 to 60 s.
         """
-        text, frames = Prompts.of(prompts).single(self.name), self.spec.frames(seconds)
+        text, frames = check_request(self.name, self.spec, prompts, seconds, start, samples)
         state = _State(frames, covering(tokens_for(frames)), start, [], [], [])
-        return self._made(state, text, guide, check_samples(samples), seed, progress)
+        return self._made(state, text, guide, samples, seed, progress)
 
     def edit(
         self,
@@ -120,7 +120,7 @@ class MSCoT:
         Lengths are those of one window, 36 to 196 frames at 20 fps. Raises UserError for others, and where
         `regenerate` holds no frame or all of them.
         """
-        text, frames = Prompts.of(prompts).single(self.name), self.spec.frames(motion.frames / FPS)
+        text, frames = check_request(self.name, self.spec, prompts, motion.frames / FPS, Pose2D(), samples)
         if frames > self.spec.window_frames:
             low, high = self.spec.shortest_frames, self.spec.window_frames
             raise UserError(f"the motion has {frames} frames; one that can be edited has {low} to {high}")
@@ -128,7 +128,7 @@ class MSCoT:
             raise UserError("an edit keeps some frames and makes others anew; this one has only one kind")
         kept = Kept.of(self.bundle.tokenizer, motion, regenerate)
         state = _State(frames, covering(tokens_for(frames)), Pose2D(), [], [], [], kept)
-        return self._made(state, text, guide, check_samples(samples), seed, progress)
+        return self._made(state, text, guide, samples, seed, progress)
 
     def round_trip(self, features: Float[Tensor, "C T 263"]) -> Float[Tensor, "C T 263"]:
         """Raw features after a round trip through tokens, T a multiple of four."""
@@ -222,7 +222,11 @@ class MSCoT:
     def _onto(self, state: _State, e: Float[Tensor, "S M d"], k: int) -> Float[Tensor, "R d L"]:
         """Latent of every window with the embeddings of scale k, the next one, on top of what is refined."""
         own = self.quantiser.up(k, state.windows.rows(e), state.finest)
-        return own if state.latent is None else state.latent + own
+        if state.latent is None:
+            return own
+        return (
+            state.latent.repeat(len(own) // len(state.latent), 1, 1) + own
+        )  # several gradients of all samples at once
 
     def _latent(self, state: _State, embeddings: list[Float[Tensor, "S _M d"]]) -> Float[Tensor, "S d N"]:
         """Latent of the whole motion, for as many scales as there are."""

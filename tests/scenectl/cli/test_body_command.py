@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenectl.tasks.schema import Task, load_task
+from scenectl.tasks.task import Task, load_task
 from scenes.body.body import DEFAULT_BODY
 from scenes.body.proxies import Proxies
 from scenes.errors import UserError

@@ -273,7 +273,7 @@ def test_no_screen_is_said_in_a_sentence(scenectl: Callable[..., object], monkey
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     one_sentence(scenectl("view", "doorway"), "--png")
-    monkeypatch.setattr("scenectl.view.picture._loads", lambda library: False)
+    monkeypatch.setattr("scenectl.view.stage._loads", lambda library: False)
     one_sentence(scenectl("view", "doorway", "--png", "x.png"), "libegl1")
 
 
@@ -281,7 +281,7 @@ def test_a_run_without_a_picture_keeps_its_motion(
     tmp_path: Path, tiny_generator: None, scenectl: Callable[..., object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr("scenectl.view.picture._loads", lambda library: False)
+    monkeypatch.setattr("scenectl.view.stage._loads", lambda library: False)
     said = scenectl("run", write(tmp_path, ""), "-o", tmp_path / "out")
     assert said.status == 0
     assert "no preview.png" in said.err and "Traceback" not in said.err

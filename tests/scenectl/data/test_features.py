@@ -12,6 +12,7 @@ from torch import Tensor
 
 from scenectl.data import features as f
 from scenes.errors import UserError
+from scenes.motion.headings import rotation_about_y
 from scenes.motion.skeleton import HUMANML3D
 
 AGREED = 90
@@ -41,7 +42,7 @@ def random_clip(frames: int = 60, seed: int = 0) -> Tensor:
     swing = 0.3 * torch.sin(phase + rate * time)
     joints = torch.zeros(frames, f.JOINTS, 3, dtype=torch.float64)
     angle = 1.5 * torch.sin(time[:, 0, 0])
-    turn = f.rotation_about_y(angle)
+    turn = rotation_about_y(angle)
     joints[:, 0] = torch.stack([time[:, 0, 0], 0.9 + 0.05 * torch.sin(3 * time[:, 0, 0]), 0.5 * angle], -1)
     for joint in range(1, f.JOINTS):
         length = rest[joint].norm()
@@ -60,7 +61,7 @@ def rest_pose() -> Tensor:
 
 
 def turned(joints: Tensor, angle: float) -> Tensor:
-    return joints @ f.rotation_about_y(joints.new_tensor(angle)).T
+    return joints @ rotation_about_y(joints.new_tensor(angle)).T
 
 
 def test_reference_features_become_the_published_joints(reference: tuple[Tensor, Tensor]) -> None:
@@ -206,7 +207,7 @@ def test_turning_left_and_walking_have_the_stated_signs() -> None:
     time = torch.arange(frames, dtype=torch.float64)
     pose = rest_pose()  # untwisted: hips and shoulders agree on where it faces
     spin = 0.02 * time  # +y turns +z towards +x, the person's left
-    clip = (f.rotation_about_y(spin)[:, None] @ pose[None, ..., None]).squeeze(-1)
+    clip = (rotation_about_y(spin)[:, None] @ pose[None, ..., None]).squeeze(-1)
     assert torch.allclose(f.joints_to_features(clip)[110:130, 0], torch.tensor(-0.01, dtype=torch.float64), atol=1e-6)
     walk = pose + torch.stack([0 * time, 0 * time, 0.05 * time], -1)[:, None]
     rows = f.joints_to_features(walk)

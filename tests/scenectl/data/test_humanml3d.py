@@ -1,4 +1,4 @@
-"""A HumanML3D folder: its clips, parts, mirrored copies and statistics, and one sentence for what is wrong."""
+"""A HumanML3D folder: its clips, parts, and mirrored copies, and one sentence for what is wrong."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from scenectl.data.features import features_to_joints
-from scenectl.data.humanml3d import HumanML3D, load_humanml3d, read_captions
+from scenectl.data.humanml3d import HumanML3D, read_captions
 from scenes.errors import UserError
 
 
@@ -36,8 +36,6 @@ def folder(tmp_path: Path) -> Path:
         (tmp_path / "texts" / f"{name}.txt").write_text(text)
     (tmp_path / "train.txt").write_text("000001\nM000001\n000002\n000099\n000003\n")
     (tmp_path / "test.txt").write_text("000098\n")
-    np.save(tmp_path / "Mean.npy", np.full(263, 0.5, np.float32))
-    np.save(tmp_path / "Std.npy", np.full(263, 2.0, np.float32))
     return tmp_path
 
 
@@ -63,27 +61,11 @@ def test_lengths_mirrored_and_missing(folder: Path) -> None:
     assert [clip.id for clip in data.clips("train", min_frames=51)] == ["000001", "M000001"]
 
 
-def test_normalising_and_back(folder: Path) -> None:
-    data = HumanML3D(folder)
-    features = next(data.clips("train")).features
-    normal = data.normalise(features)
-    assert torch.allclose(normal, (features - 0.5) / 2)
-    assert torch.allclose(data.denormalise(normal), features, atol=1e-6)
-
-
-def test_clips_as_joints(folder: Path) -> None:
-    clips = load_humanml3d(folder)
-    features = next(HumanML3D(folder).clips("train")).features
-    assert len(clips) == 3 and clips[0].source == "humanml3d" and clips[0].split == "train"
-    assert not clips[0].commercial_ok and clips[0].captions == ("a person walks.", "someone strolls")
-    assert torch.equal(clips[0].joints, features_to_joints(features))
-
-
 def test_published_files_are_read(shared: Path, tmp_path: Path) -> None:
     published = shared / "data" / "humanml3d"
     for part in ("new_joint_vecs", "texts"):
         (tmp_path / part).mkdir()
-    for name in ("Mean.npy", "Std.npy", "train.txt", "val.txt", "test.txt"):
+    for name in ("train.txt", "val.txt", "test.txt"):
         (tmp_path / name).write_bytes((published / name).read_bytes())
     (tmp_path / "new_joint_vecs" / "012314.npy").write_bytes((published / "012314_new_joint_vecs.npy").read_bytes())
     (tmp_path / "texts" / "012314.txt").write_text("a person moves#a/DET person/NOUN move/VERB#0.0#0.0\n")
@@ -94,7 +76,6 @@ def test_published_files_are_read(shared: Path, tmp_path: Path) -> None:
     (clip,) = data.clips(split)
     joints = np.load(published / "012314_new_joints.npy")
     assert np.abs(features_to_joints(clip.features).numpy() - joints).max() < 1e-5
-    assert data.normalise(clip.features).abs().mean() < 2
     with pytest.raises(UserError, match="for any of the ids"):
         list(data.clips("val" if split != "val" else "test"))
 
@@ -152,9 +133,3 @@ def test_bad_folders_are_named(folder: Path, tmp_path: Path) -> None:
         list(data.clips("val"))
     with pytest.raises(UserError, match="for any of the ids"):
         list(data.clips("test"))
-    np.save(folder / "Std.npy", np.zeros(263, np.float32))
-    with pytest.raises(UserError, match="not positive"):
-        data.normalise(torch.zeros(1, 263))
-    (folder / "Mean.npy").unlink()
-    with pytest.raises(UserError, match=r"Mean\.npy' does not exist"):
-        _ = HumanML3D(folder).mean

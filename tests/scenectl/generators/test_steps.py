@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import torch
-from scenectl.generators.mscot.windows import Windows
 from torch import Tensor
 
 from objectives import Objective, Term
 from scenectl.control.solvers.problem import Linearisation
 from scenectl.control.solvers.residuals import Residuals
 from scenectl.generators.base import Step
+from scenectl.generators.mscot.keeping import covering
 from scenectl.generators.mscot.sampling import MSCoT, _State
 from scenectl.generators.steps import DecodedStep, LatentStep
 from scenes.motion.motion import Pose2D
@@ -34,14 +34,15 @@ def pair() -> tuple[LatentStep, DecodedStep]:
     quantiser = generator.quantiser
     lengths = list(quantiser.lengths(FINEST))
     value = torch.cat([quantiser.lookup(k, torch.randint(16, (SAMPLES, n))) for k, n in enumerate(lengths)], dim=1)
-    state = _State(4 * FINEST - 3, Windows.covering(FINEST), Pose2D((1.0, 0.1, -2.0), 0.7), [], [], [])
+    state = _State(4 * FINEST - 3, covering(FINEST), Pose2D((1.0, 0.1, -2.0), 0.7), [], [], [])
 
     def embeddings(v: Tensor) -> list[Tensor]:
         return list(v.split(lengths, dim=1))
 
     step = generator._step(state, value, lambda v: generator._latent(state, embeddings(v)))
     assert isinstance(step, LatentStep)
-    return step, DecodedStep(value, lambda v: generator._decode(state, embeddings(v)))
+    decode = generator.bundle.tokenizer.decode_latent
+    return step, DecodedStep(value, lambda v: generator._placed(state, decode(generator._latent(state, embeddings(v)))))
 
 
 def test_both_keep_the_protocol_and_decode_alike() -> None:

@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from scenectl.generators import Editor
+from scenectl.generators.base import Editor
 from scenectl.generators.mscot.keeping import bridged
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.pipeline.editing import edit, mask_of, settled
@@ -83,10 +83,12 @@ def test_refinement_draws_the_kept_frames_onto_the_original(generator: MSCoT) ->
 
 def generator_edit(generator: MSCoT, gone: Tensor, iterations: int) -> float:
     from scenectl.control import SolverSettings
-    from scenectl.pipeline.editing import Keeping
+    from scenectl.pipeline.editing import Keeping, refined
 
-    guide = Keeping(WALK, ~gone, None, SolverSettings(iterations=iterations))
-    return float(guide.cost(generator.edit(WALK, gone, "a person walks", guide).motion))
+    guide = Keeping(WALK, ~gone)
+    step = generator.edit(WALK, gone, "a person walks", guide=guide).step
+    assert step is not None
+    return float(guide.cost(refined(step, guide, SolverSettings(iterations=iterations))))
 
 
 def test_a_jump_dies_away_within_the_gap() -> None:

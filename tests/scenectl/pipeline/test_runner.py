@@ -15,9 +15,11 @@ import torch
 import scenectl as sc
 from objectives import Objective, Term, forget
 from scenectl.control import SolverSettings
-from scenectl.generators.base import Generation
 from scenectl.measures.metrics import Scorer
-from scenectl.pipeline.run import FORMAT, _ranked, allow_code, load_result, run, score
+from scenectl.pipeline.rank import ranked
+from scenectl.pipeline.results import FORMAT, load_result
+from scenectl.pipeline.run import run, score
+from scenectl.tasks.code import allow_code
 from scenes.errors import UserError
 from scenes.mesh.primitives import Box
 from scenes.motion.motion import Motion, Pose2D
@@ -83,7 +85,7 @@ def test_of_samples_that_meet_all_goals_the_least_changed_comes_first(task_file:
     for i, change in enumerate((0.2, 0.0, 0.1)):
         after[i, :, 20] += change  # a wrist
     after[1] += torch.tensor([0.5, 0.0, 0.3])  # elsewhere, in the same poses
-    _, rows = _ranked(Generation(Motion(after), before), problem, Scorer(problem.scene), lambda what, done: None)
+    _, rows = ranked(Motion(after), before, problem, Scorer(problem.scene), lambda what, done: None)
     assert [row.index for row in rows] == [1, 2, 0] and all(row.met for row in rows)
     assert rows[0].pose_change == pytest.approx(0.0, abs=1e-6)
 
@@ -91,7 +93,7 @@ def test_of_samples_that_meet_all_goals_the_least_changed_comes_first(task_file:
 def test_samples_come_in_the_order_of_their_cost(task_file: Path, tiny: ModuleType) -> None:
     free = sc.load_task(task_file).model_copy(update={"solver": SolverSettings(iterations=0)})
     result = run(free, 8, 1, tiny.TinyGenerator())
-    problem = result.problem
+    problem = result.setup
     costs = problem.objective.cost(result.motion, problem.context).tolist()
     assert costs == sorted(costs) and len(set(costs)) == 8
     assert [sample.cost for sample in result.samples] == pytest.approx(costs)
@@ -106,7 +108,7 @@ def test_a_sample_that_meets_all_goals_comes_before_a_cheaper_one_that_does_not(
             sc.Term("joint_target", {"joint": "head", "position": [0.0, 0.0]}, at=1.9, weight=0.01, tolerance=0.4),
         ],
     )  # fmt: skip
-    one = tiny.TinyGenerator().generate("walks", 2.0, Pose2D(), None, 1, 0).motion
+    one = tiny.TinyGenerator().generate("walks", 2.0, Pose2D()).motion
     still = one.joints[:, :1].expand_as(one.joints)
     still = still - still[:, :, :1] * torch.tensor([1.0, 0.0, 1.0])
     head = still.clone()
@@ -180,7 +182,7 @@ def test_bench_reuses_what_was_prepared(tiny: ModuleType) -> None:
     scene = Scene(primitives=[Box((0.0, 1.0, 3.0), (1.0, 2.0, 0.4))], floor=0.0)
     task = sc.Task(prompt="x", seconds=4.0, scene=scene, start=[0.0, 0.0], walk={"to": [0.0, 1.5]})
     problem = task.build()
-    result = run(task, 1, 0, tiny.TinyGenerator(), problem=problem)
-    assert result.problem is problem
+    result = run(task, 1, 0, tiny.TinyGenerator(), setup=problem)
+    assert result.setup is problem
     assert isinstance(result.motion, Motion)
     assert result.samples[0].terms[0].name == "walk: path"

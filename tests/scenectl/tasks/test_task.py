@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from objectives import Term
-from scenectl.tasks.schema import ONE_PASS, PACE, SceneSpec, Task, Walk, heading_along, load_task, start_of
+from scenectl.generators.mscot import SPEC
+from scenectl.tasks.schema import SceneSpec, Walk
+from scenectl.tasks.setup import PACE, heading_along, start_of
+from scenectl.tasks.task import Task, load_task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Box, Sphere, Waypoints
 from scenes.motion.motion import Motion, Pose2D
-from scenes.world.floor import path_length
+from scenes.world.floor.polyline import path_length
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, load_scene
 
@@ -83,7 +86,7 @@ def test_length_of_a_walk_follows_from_its_path() -> None:
 
 def test_a_walk_across_a_large_place_takes_as_long_as_it_takes() -> None:
     far = Task(prompt="x", scene=Scene.empty(), start=[0.0, -15.0], walk={"to": [0.0, 15.0]}).build()
-    assert ONE_PASS < far.seconds == pytest.approx(30.0 / PACE, abs=0.15)
+    assert SPEC.window < far.seconds == pytest.approx(30.0 / PACE, abs=0.15)
     there_and_back = {"to": [0.0, 18.0], "via": [[0.0, -18.0], [0.0, 18.0], [0.0, -18.0]]}
     with pytest.raises(UserError, match="give a nearer target"):
         Task(prompt="x", scene=Scene.empty(), start=[0.0, 0.0], walk=there_and_back).build()
@@ -163,7 +166,7 @@ def test_objects_are_obstacles_to_a_sampled_start(monkeypatch: pytest.MonkeyPatc
     def asked(scene: Scene, *_: object) -> None:
         raise UserError(f"asked for the free area around {len(scene.objects)} objects")
 
-    monkeypatch.setattr("scenectl.tasks.schema.free_area", asked)
+    monkeypatch.setattr("scenectl.tasks.setup.free_area", asked)
     thing = MovingObject(Box((0, 0, 0), (1, 1, 1)), Trajectory((0.0,), ((0, 0, 0),)))
     with pytest.raises(UserError, match="around 1 objects"):
         Task(prompt="x", seconds=3.0, scene=Scene(objects=[thing])).build()

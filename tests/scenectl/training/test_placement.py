@@ -9,11 +9,10 @@ import pytest
 import torch
 
 from scenectl.networks.precision import cpu_has_bfloat16
-from scenectl.training.command import train
 from scenectl.training.loop import Loop
 from scenectl.training.placement import Placement, place
 from scenes.errors import UserError
-from tests.scenectl.generators.mscot.training.test_train import TINY, Killed, weights_of
+from tests.scenectl.generators.mscot.training.test_train import TINY, Killed, train, weights_of
 from tests.scenectl.training.folder import same, walks
 
 

@@ -9,16 +9,20 @@ import numpy as np
 import pytest
 import torch
 
-from objectives import Objective, Term
+from objectives import Masked, Objective, Term, forget, goal
 from scenectl.view import Picture, draw_scene
 from scenectl.view.camera import Sight, choose
-from scenectl.view.evidence import open_edges, uncertain_blocks
-from scenectl.view.shapes import BodyShape, components, face_colours, soft_shadow
+from scenectl.view.evidence import uncertain_blocks
+from scenectl.view.room import Room
+from scenectl.view.shapes import BodyShape, capsules, components, face_colours, ring, soft_shadow, tube
+from scenectl.view.stage import Stage, shaded
+from scenectl.view.window import Window
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.primitives import Box, Sphere, Waypoints
 from scenes.mesh.surface import Surface
 from scenes.motion.motion import Motion, Pose2D
+from scenes.sdf.signs import UNCERTAIN
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled
 
@@ -46,13 +50,13 @@ def reddish(image: np.ndarray) -> float:
 
 def test_bodies_are_the_capsules_that_are_scored(tiny: ModuleType) -> None:
     joints = tiny.statue().double()
-    vertices, normals = BodyShape(DEFAULT_BODY).vertices(joints.numpy())
+    vertices, faces, normals = BodyShape(DEFAULT_BODY).hull(joints.numpy())
     assert vertices.shape == normals.shape
     assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
     samples = DEFAULT_BODY.points_of(joints).numpy()
     away = np.linalg.norm(vertices[:, None] - samples[None], axis=2) - DEFAULT_BODY.radii().numpy()
     assert away.min(axis=1).max() < 0.03  # nothing is drawn far from what is scored
-    assert BodyShape(DEFAULT_BODY).faces.max() == len(vertices) - 1
+    assert faces.max() == len(vertices) - 1
 
 
 def test_sight_is_blocked_by_what_is_between() -> None:
@@ -118,13 +122,12 @@ def test_pictures_show_the_person(what: str, tiny: ModuleType, tmp_path: Path) -
 def test_clearance_colours_and_slices(tiny: ModuleType, tmp_path: Path) -> None:
     scene = Scene(primitives=[Box((0.45, 1.0, 0.0), (0.2, 2.0, 1.0))])
     picture = Picture(scene, walk(tiny))
-    vertices, _ = BodyShape(DEFAULT_BODY).vertices(picture._joints(0))
-    clearance = picture.clearances(vertices, 0)
+    clearance = picture.clearances(BodyShape(DEFAULT_BODY).hull(picture.joints(0)).points, 0)
     assert clearance.min() < 0.15 and clearance.max() <= 1.8
     grid = picture.slice_at(1.0)
     inside = scene.distance(torch.tensor([[0.45, 1.0, 0.0]]))
     assert float(inside) == pytest.approx(-0.1, abs=1e-5)
-    assert grid.point_data["distance (m)"].min() == pytest.approx(-0.1, abs=0.05)
+    assert grid.distances.min() == pytest.approx(-0.1, abs=0.05)
     picture.draw(tmp_path / "p.png", at=0.0, show_slice=True, clearance=True, size=SMALL)
     assert pixels(tmp_path / "p.png").std() > 10
 
@@ -136,31 +139,37 @@ def moving_scene() -> Scene:
     return Scene(primitives=[ball], objects=[MovingObject(Box((0.0, 0.5, 0.0), (0.2, 1.0, 0.6)), way)])
 
 
+def bounds(stage: Stage, name: str) -> tuple[float, ...]:
+    """Lowest and highest x, y and z of something on a stage."""
+    found: tuple[float, ...] = stage.actors[name].GetBounds()
+    return found
+
+
 def test_what_moves_is_drawn_where_it_is_when_the_body_is(tiny: ModuleType) -> None:
     picture = Picture(moving_scene(), walk(tiny))
-    plotter = picture._plotter(off_screen=True, size=SMALL)
+    stage = Stage(SMALL)
     try:
-        poses = picture._moments(None)
-        picture.add_moving(plotter, [picture._time(frame) for frame in poses])
-        assert [round(picture._time(frame), 6) for frame in (poses[0], poses[-1])] == [0.0, 2.0]
+        poses = picture.moments(None)
+        picture.room.draw_moving(stage, [picture.time(frame) for frame in poses])
+        assert [round(picture.time(frame), 6) for frame in (poses[0], poses[-1])] == [0.0, 2.0]
         for share, i in ((frame / 40, i) for i, frame in enumerate(poses)):
-            x0, x1, *_ = plotter.actors[f"moving 0 {i}"].bounds
+            x0, x1, *_ = bounds(stage, f"moving 0 {i}")
             assert (x0 + x1) / 2 == pytest.approx(3.0 - 2.0 * share, abs=1e-5)
             turn = share * np.pi / 2
             assert (x1 - x0) / 2 == pytest.approx(0.1 * np.cos(turn) + 0.3 * np.sin(turn), abs=1e-5)
-            assert plotter.actors[f"moving 1 {i}"].bounds[3] == pytest.approx(0.7 + share, abs=1e-5)
-        assert plotter.actors[f"moving 0 {len(poses) - 1}"].prop.opacity == 1.0
-        assert plotter.actors["moving 0 0"].prop.opacity < 0.3
-        assert not picture._solids  # and never where it was at 0 s as well
+            assert bounds(stage, f"moving 1 {i}")[3] == pytest.approx(0.7 + share, abs=1e-5)
+        assert stage.actors[f"moving 0 {len(poses) - 1}"].GetProperty().GetOpacity() == 1.0
+        assert stage.actors["moving 0 0"].GetProperty().GetOpacity() < 0.3
+        assert not picture.room.solids  # and never where it was at 0 s as well
     finally:
-        plotter.close()
+        stage.close()
 
 
 def test_pictures_ask_for_the_moments_they_show(
     tiny: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[list[float]] = []
-    monkeypatch.setattr(Picture, "add_moving", lambda self, plotter, times: asked.append(times))
+    monkeypatch.setattr(Room, "draw_moving", lambda self, stage, times: asked.append(times))
     picture = Picture(moving_scene(), walk(tiny))
     picture.draw(tmp_path / "all.png", size=SMALL)
     picture.draw(tmp_path / "one.png", at=1.5, size=SMALL)
@@ -169,20 +178,25 @@ def test_pictures_ask_for_the_moments_they_show(
 
 
 def test_slices_and_the_window_follow_what_moves(tiny: ModuleType) -> None:
-    picture = Picture(moving_scene(), walk(tiny))
+    rolling = {"kind": "line", "start": [-2.0, 1.0, 0.0], "end": [-4.0, 1.0, 0.0], "times": [0.0, 2.0]}
+    objective = Objective((Term("sphere_repulsion", {"center": rolling, "radius": 0.25}),))
+    picture = Picture(moving_scene(), walk(tiny), objective=objective)
     for time, x in ((0.0, 3.0), (2.0, 1.0)):
         grid = picture.slice_at(0.5, time)
-        deepest = grid.points[np.where(grid.points[:, 0] > 0, grid.point_data["distance (m)"], np.inf).argmin()]
+        right = np.where(grid.points[..., 0] > 0, grid.distances, np.inf)
+        deepest = grid.points[np.unravel_index(right.argmin(), right.shape)]
         assert deepest[0] == pytest.approx(x, abs=0.25) and deepest[2] == pytest.approx(2.0, abs=0.25)
-    plotter = picture._plotter(off_screen=True, size=SMALL)
-    window = picture.interactive(plotter, show_slice=False)
+    stage = Stage(SMALL)
+    window = Window(picture, stage)
     try:
-        assert plotter.actors["moving 0 0"].center[0] == pytest.approx(3.0, abs=1e-5)
+        assert sum(bounds(stage, "moving 0 0")[:2]) / 2 == pytest.approx(3.0, abs=1e-5)
+        assert bounds(stage, "mark 0 0")[:2] == pytest.approx((-2.25, -1.75), abs=0.01)
         window.at(1.0)
-        assert plotter.actors["moving 0 0"].center[0] == pytest.approx(2.0, abs=1e-5)
-        assert sum(name.startswith("moving 0") for name in plotter.actors) == 1
+        assert sum(bounds(stage, "moving 0 0")[:2]) / 2 == pytest.approx(2.0, abs=1e-5)
+        assert bounds(stage, "mark 0 0")[:2] == pytest.approx((-3.25, -2.75), abs=0.01)
+        assert sum(name.startswith(("moving 0", "mark 0")) for name in stage.actors) == 2
     finally:
-        plotter.close()
+        stage.close()
 
 
 def torn_box() -> Mesh:
@@ -198,15 +212,25 @@ def test_uncertain_voxels_and_holes_are_shown_where_they_are(tmp_path: Path) -> 
     (result,) = scene.bakes
     blocks = uncertain_blocks(result)
     assert blocks is not None and result.signs.uncertain is not None
-    nodes = result.grid.nodes(np.argwhere(result.signs.uncertain))
-    assert (blocks.find_containing_cell(nodes) >= 0).all()
-    sure = result.grid.nodes(np.argwhere(~result.signs.uncertain))
-    assert (blocks.find_containing_cell(sure) < 0).all()  # a block is one voxel at this resolution
+
+    def shown(points: np.ndarray) -> np.ndarray:
+        cells = np.floor((points - blocks.low) / blocks.size).astype(int)
+        inside = ((cells >= 0) & (cells < blocks.agreeing.shape)).all(axis=1)
+        return inside & (blocks.agreeing[tuple(np.where(inside[:, None], cells, 0).T)] <= UNCERTAIN)
+
+    assert shown(result.grid.nodes(np.argwhere(result.signs.uncertain))).all()
+    assert not shown(result.grid.nodes(np.argwhere(~result.signs.uncertain))).any()  # a block is one voxel here
+    squares, values = blocks.faces()
+    outline = np.pad(blocks.agreeing <= UNCERTAIN, 1).astype(int)
+    assert len(squares) == len(values) == sum(np.abs(np.diff(outline, axis=k)).sum() for k in range(3))
+    across = np.cross(squares[:, 1] - squares[:, 0], squares[:, 3] - squares[:, 0]) / (2 * blocks.size)
+    middle = squares.mean(axis=1)
+    assert (shown(middle + across) != shown(middle - across)).all()  # between a block and none
+    assert values.max() <= UNCERTAIN
     edges = Surface.of(torn_box()).open_edges
     assert len(edges) == result.boundary_edges == 30
     ends = edges.reshape(-1, 3)
     assert np.abs(ends[:, None] - torn_box().vertices).sum(axis=2).min(axis=1).max() < 1e-9
-    assert open_edges(Surface.of(Box((0, 0, 0), (1, 1, 1)).mesh()).open_edges) is None
     draw_scene(scene, tmp_path / "signs.png", show_signs=True)
     draw_scene(scene, tmp_path / "plain.png")
     red = [reddish(pixels(tmp_path / f"{name}.png")) for name in ("signs", "plain")]
@@ -219,25 +243,62 @@ def test_scenes_alone(tmp_path: Path) -> None:
 
 
 def test_the_window_moves_through_time(tiny: ModuleType) -> None:
-    import pyvista as pv
-
     picture = Picture(Scene(primitives=[Box((1.0, 1.0, 0.0), (0.2, 2.0, 1.0))]), walk(tiny))
-    plotter = picture._plotter(off_screen=True, size=SMALL)
-    assert isinstance(plotter, pv.Plotter)
-    window = picture.interactive(plotter, show_slice=False)
+    stage = Stage(SMALL)
+    window = Window(picture, stage)
     try:
-        place = plotter.actors["body"].bounds[4]
+        place = bounds(stage, "body")[4]
         window.at(2.0)
         assert window.frame == 40
-        assert plotter.actors["body"].bounds[4] - place == pytest.approx(2.0, abs=1e-3)
+        assert bounds(stage, "body")[4] - place == pytest.approx(2.0, abs=1e-3)
         window.step(-1)
         assert window.frame == 39
         window.toggle_slice()
-        assert "slice" in plotter.actors
+        assert {"slice", "slice surface", "distance (m)"} <= set(stage.actors)
         window.at_height(0.5)
-        assert plotter.actors["slice"].bounds[2] == pytest.approx(0.5, abs=1e-3)
+        assert bounds(stage, "slice")[2] == pytest.approx(0.5, abs=1e-3)
+        window.toggle_clearance()
+        assert "clearance (m)" in stage.actors
         window.toggle_clearance()
         window.toggle_slice()
-        assert "slice" not in plotter.actors
+        assert not {"slice", "slice surface", "distance (m)", "clearance (m)"} & set(stage.actors)
     finally:
-        plotter.close()
+        stage.close()
+
+
+def test_surfaces_face_outwards() -> None:
+    """Shading takes the side of a surface from its corners' order, and its slope from the normals."""
+    way = np.array([[0.0, 0, 0], [0.0, 0.5, 0.2], [1.0, 0.5, 0.2], [1.0, 0.5, 1.2]])
+    ends = np.array([[0.0, 0, 0], [1.0, 2, 0]]), np.array([[0.0, 0, 0], [1.0, 2, 1]])
+    for hull in (tube(way, 0.1), capsules(*ends, np.array([[0.2, 0.2], [0.1, 0.3]])), ring(way[2], 0.1, 0.2)):
+        assert np.allclose(np.linalg.norm(hull.normals, axis=1), 1.0)
+        a, b, c = np.moveaxis(hull.points[hull.faces], 1, 0)
+        across = np.cross(b - a, c - a)
+        outward = (across * hull.normals[hull.faces].mean(axis=1)).sum(-1)
+        assert (outward[np.linalg.norm(across, axis=1) > 1e-9] > 0).all()
+    assert np.linalg.norm(tube(way, 0.1).points.reshape(4, -1, 3) - way[:, None], axis=-1) == pytest.approx(0.1)
+
+
+def test_scales_run_from_their_first_colour_to_their_last() -> None:
+    found = shaded(np.array([-9.0, 0.0, 0.5, 1.0, 9.0]), "bad to good", (0.0, 1.0))
+    assert found.tolist() == [[165, 0, 38], [165, 0, 38], [255, 255, 191], [0, 104, 55], [0, 104, 55]]
+
+
+def test_goals_of_a_users_own_are_drawn_and_held_in_the_picture(tiny: ModuleType, tmp_path: Path) -> None:
+    @goal(unit="m", pulls=True)
+    def fetched(motion: Motion, context: object, *, x: float) -> Masked:
+        """Bring the head to a place that no parameter of a known type states."""
+        points = motion.select(["head"])
+        targets = points.new_tensor([x, 1.0, 1.0]).expand(points.shape)
+        return Masked((points - targets).flatten(-2), sizes=3, labels=["head"], points=points, targets=targets)
+
+    try:
+        shares = []
+        for terms in ((), (Term("fetched", {"x": 1.5}, tolerance=0.3),)):
+            picture = Picture(Scene.empty(), walk(tiny), objective=Objective(terms))
+            picture.draw(tmp_path / "picture.png", size=SMALL)
+            red, green, blue = np.moveaxis(pixels(tmp_path / "picture.png"), -1, 0)
+            shares.append(((red > 2.5 * green) & (blue > 0.7 * green)).mean())  # redder than the person
+        assert shares[0] == 0.0 and shares[1] > 0.005
+    finally:
+        forget("fetched")

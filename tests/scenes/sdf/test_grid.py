@@ -154,31 +154,6 @@ def test_strided_points_and_any_number_of_threads(monkeypatch: pytest.MonkeyPatc
     assert torch.equal(again[0], value) and torch.equal(again[1], gradient)
 
 
-@pytest.mark.parametrize("beyond", [1.0, -1.0])
-def test_hessian_vector_products_are_those_of_the_naive_formula(beyond: float) -> None:
-    grid = random_grid(beyond)
-    points, vectors = points_around(grid, 200, 0.4), points_around(grid, 200, seed=9)
-
-    def formula(point: Tensor) -> Tensor:  # differentiable twice
-        local = (point - grid.origin) / grid.spacing
-        inside = local.clamp_min(0).minimum(torch.tensor(SHAPE) - 1.0)
-        cell = inside.detach().floor().minimum(torch.tensor(SHAPE) - 2.0).long()
-        share = inside - cell
-        total = point.new_zeros(())
-        for corner in torch.cartesian_prod(*[torch.arange(2)] * 3):
-            weight = torch.where(corner == 1, share, 1 - share).prod()
-            total = total + weight * grid.values[tuple((cell + corner).tolist())]
-        away = (local - inside)[local != inside]
-        return total + beyond * grid.spacing * torch.linalg.vector_norm(away) if len(away) else total
-
-    expected = [
-        torch.autograd.functional.hvp(formula, point, vector)[1] for point, vector in zip(points, vectors, strict=True)
-    ]
-    torch.testing.assert_close(grid.hessian_vector(points, vectors), torch.stack(expected), atol=1e-9, rtol=1e-9)
-    batch = grid.hessian_vector(points.reshape(4, 50, 3).float(), vectors.reshape(4, 50, 3).float())
-    assert batch.dtype == torch.float32 and batch.shape == (4, 50, 3)
-
-
 def test_the_second_derivative_is_refused() -> None:
     grid = random_grid()
     points = points_around(grid, 3).requires_grad_()

@@ -259,7 +259,7 @@ def test_the_digest_knows_everything_distances_depend_on() -> None:
 
 
 def test_describing_an_object_bakes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
+    def refuse(*_: object, **__: object) -> None:
         raise AssertionError("baked")
 
     monkeypatch.setattr("scenes.world.moving.bake", refuse)

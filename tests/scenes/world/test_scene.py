@@ -116,6 +116,9 @@ def test_the_digest_knows_everything_distances_depend_on() -> None:
             Scene([walls()], resolution=64),
             Scene([walls()], free_space="outside"),
             Scene([walls()], [TABLE]),
+            Scene([walls()], thickness=0.05),
+            Scene([walls()], spacing=0.05),
+            Scene([walls()], padding=0.3),
         ]
 
     digests = [scene.digest for scene in variants()]
@@ -150,6 +153,8 @@ def test_walls_without_thickness_are_given_one_in_grid_and_score_alike() -> None
 def test_bad_values_are_one_sentence(tmp_path: Path) -> None:
     for message, build in [
         ("resolution is 4", lambda: Scene(resolution=4)),
+        ("padding is -1 m", lambda: bundled("stairs", padding=-1)),
+        ("spacing is 0", lambda: bundled("stairs", spacing=0)),
         ("did you mean 'auto'", lambda: Scene(free_space="aut")),
         ("floor height is nan", lambda: Scene(floor=float("nan"))),
         ("does not exist", lambda: load_scene(tmp_path / "none.ply")),

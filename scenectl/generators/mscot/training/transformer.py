@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
 from pydantic import BaseModel, ConfigDict
-from torch import Tensor, nn
+from torch import Tensor
 
+from scenectl.data.clips import ClipSet
 from scenectl.generators.mscot.config import TransformerConfig
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
 from scenectl.generators.mscot.schedule import DOWNSAMPLING
-from scenectl.networks.text import TextEncoder, TextFeatures
-from scenectl.training.dataset import Windows
+from scenectl.networks.text import TextEncoder
+from scenectl.training.captions import Captions
 from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
 from scenectl.training.placement import Placement
+from scenectl.training.stages import Job
 
 
 class TransformerTraining(BaseModel):
@@ -41,49 +41,21 @@ class TransformerTraining(BaseModel):
     smoothing: float = 0.05
 
 
-class Captions:
-    """Text features of every caption, encoded once."""
-
-    def __init__(self, data: Windows, encoder: TextEncoder) -> None:
-        texts = sorted({text for captions in data.captions for text in captions})
-        index = {text: i for i, text in enumerate(texts)}
-        self.of_clip = [[index[text] for text in captions] for captions in data.captions]
-        parts = [encoder.encode(texts[i : i + 64]) for i in range(0, len(texts), 64)]
-        self.sentence = torch.cat([p.sentence for p in parts]).cpu()
-        # Without padding: a large data set's captions, all as long as the longest one, would fill the memory.
-        self.words = [row[mask].cpu() for p in parts for row, mask in zip(p.words, p.mask, strict=True)]
-
-    def draw(self, clips: Int[Tensor, " B"], generator: torch.Generator) -> TextFeatures:
-        """A random caption of each clip."""
-        uniform = torch.rand(len(clips), generator=generator).tolist()
-        rows = torch.tensor(
-            [self.of_clip[c][int(u * len(self.of_clip[c]))] for c, u in zip(clips.tolist(), uniform, strict=True)]
-        )
-        chosen = [self.words[row] for row in rows.tolist()]
-        lengths = torch.tensor([len(words) for words in chosen])
-        words = nn.utils.rnn.pad_sequence(chosen, batch_first=True)
-        return TextFeatures(self.sentence[rows], words, torch.arange(words.shape[1]) < lengths[:, None])
-
-
 def train_transformer(
     config: TransformerConfig,
     tokenizer: Tokenizer,
     encoder: TextEncoder,
     settings: TransformerTraining,
-    data: Windows,
-    folder: Path,
-    seed: int,
-    place: Placement | None = None,
+    job: Job,
 ) -> Loop:
-    """Train, or go on training, in `folder`; the tokens are those of float32."""
-    place = place or Placement()
-    data = data.on(place.device)
+    """Train, or go on training; the tokens are those of float32."""
+    data, place = job.data, job.place
     tokenizer.to(place.device).eval().requires_grad_(False)
     captions = Captions(data, encoder)
     quantiser = tokenizer.quantiser
-    torch.manual_seed(seed)  # initial weights belong to the run's seed
+    torch.manual_seed(job.seed)  # initial weights belong to the run's seed
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
-    loop = Loop(model, settings.loop, folder, seed, place)
+    loop = job.loop(model, settings.loop)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
@@ -121,7 +93,7 @@ def _corrupted(tokens: Int[Tensor, "B L"], share: float, codes: int, generator: 
 
 @torch.no_grad()
 def cross_entropy_by_scale(
-    model: ScaleTransformer, tokenizer: Tokenizer, encoder: TextEncoder, data: Windows, frames: int = 64
+    model: ScaleTransformer, tokenizer: Tokenizer, encoder: TextEncoder, data: ClipSet, frames: int = 64
 ) -> list[float]:
     """Cross-entropy (nats a token) of each scale over the first `frames` frames of every clip long enough."""
     model.eval()
@@ -131,9 +103,9 @@ def cross_entropy_by_scale(
     lengths = list(quantiser.lengths(frames // DOWNSAMPLING))
     for i in range(0, len(clips), 32):
         part = torch.tensor(clips[i : i + 32])
-        rows = data.starts[part][:, None] + torch.arange(frames)
+        rows = (data.starts[part][:, None] + torch.arange(frames)).to(data.features.device)
         tokens = tokenizer.encode(data.features[rows])
-        prompt = captions.draw(part, torch.Generator().manual_seed(i))
+        prompt = Placement(rows.device).text(captions.draw(part, torch.Generator().manual_seed(i)))
         logits = model(quantiser, prompt, tokens, frames // DOWNSAMPLING)
         loss = F.cross_entropy(logits.transpose(1, 2), torch.cat(tokens, 1), reduction="none")
         sums = torch.stack([piece.mean(1).sum() for piece in loss.split(lengths, dim=1)])

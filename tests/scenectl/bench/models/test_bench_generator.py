@@ -11,13 +11,13 @@ import torch
 
 from scenectl.bench.models.generator import bench_generator, plot
 from scenectl.bench.models.page import evaluation_page
+from scenectl.data.clips import prepare
 from scenectl.data.features import joints_to_features
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig, ContrastiveEvaluator
 from scenectl.evaluation.kinds import KindClassifier
 from scenectl.evaluation.motions import EncoderConfig
 from scenectl.evaluation.sets import HeldOut, MotionSet, generated, real, reconstructed
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.training.dataset import prepare
 from scenes.errors import UserError
 from tests.scenectl.small import Words, bundle, walk
 from tests.scenectl.training.folder import write_folder

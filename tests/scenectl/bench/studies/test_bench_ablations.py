@@ -21,9 +21,9 @@ from scenectl.bench.studies.figures import (
     spectrogram,
 )
 from scenectl.control import SolverSettings
+from scenectl.data.clips import prepare
 from scenectl.data.corpus import load_motions
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.training.dataset import prepare
 from tests.scenectl.small import bundle
 from tests.scenectl.training.folder import walks
 

@@ -7,12 +7,14 @@ import torch
 from torch import Tensor
 
 from objectives import Objective, Term
-from scenectl.control import ObjectiveGuide, SolverSettings
-from scenectl.generators import GENERATORS, Generator, load_generator
-from scenectl.generators.base import Generation, Step
+from scenectl.control import ObjectiveGuide, SolverSettings, refine
+from scenectl.generators import load_generator
+from scenectl.generators.base import Guide, Step
+from scenectl.generators.mscot.keeping import covering
 from scenectl.generators.mscot.networks.transformer import Cache
-from scenectl.generators.mscot.sampling import MSCoT, Sampling, Tilt, _sample, _State, clipped
-from scenectl.generators.mscot.windows import Windows
+from scenectl.generators.mscot.posterior import Scale, clip_at, clipped, tilted
+from scenectl.generators.mscot.sampling import MSCoT, _sample, _State
+from scenectl.generators.mscot.settings import Sampling
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
 from tests.objectives.cases import context
@@ -28,10 +30,10 @@ def generator() -> MSCoT:
 
 
 class Towards:
-    """A guide with a constant gradient, which refines by adding a constant; remembers what it was shown."""
+    """A guide with a constant gradient; remembers what it was shown."""
 
-    def __init__(self, pull: float = 0.0, shift: float = 0.0) -> None:
-        self.pull, self.shift, self.shown = pull, shift, list[tuple[int, ...]]()
+    def __init__(self, pull: float = 0.0) -> None:
+        self.pull, self.shown = pull, list[tuple[int, ...]]()
 
     def log_prob(self, step: Step) -> Tensor:
         return self.pull * step.value.flatten(1).sum(1)
@@ -40,18 +42,11 @@ class Towards:
         self.shown.append(tuple(step.value.shape))
         return torch.full_like(step.value, self.pull)
 
-    def refine(self, step: Step) -> Tensor:
-        self.shown.append(tuple(step.value.shape))
-        return step.value + self.shift
 
-    def finish(self, made: Generation) -> Generation:
-        return made
-
-
-def test_it_is_a_generator_and_says_what_it_is(generator: MSCoT) -> None:
-    assert isinstance(generator, Generator)
-    assert (generator.name, generator.fps, generator.licence) == ("mscot", 20.0, "CC0-1.0")
-    assert generator.name in GENERATORS
+def test_it_says_what_it_is(generator: MSCoT) -> None:
+    assert (generator.name, generator.licence) == ("mscot", "CC0-1.0")
+    spec = generator.spec
+    assert (spec.fps, spec.shortest, spec.longest, spec.window_frames) == (20.0, 1.8, 60.0, 196)
 
 
 @pytest.mark.parametrize("frames", [36, 37, 39, 61, 64, 129, 196])
@@ -59,7 +54,7 @@ def test_a_motion_has_the_length_that_was_asked_for(generator: MSCoT, frames: in
     got = generator.generate("a person walks", frames / 20, HERE)
     assert got.motion.joints.shape == (1, frames, 22, 3)
     assert got.motion.valid.all() and got.motion.fps == 20.0 and torch.isfinite(got.motion.joints).all()
-    assert got.unrefined is None and got.trace["frames"] == frames
+    assert got.trace["frames"] == frames
 
 
 def test_a_seed_decides_everything(generator: MSCoT) -> None:
@@ -93,35 +88,28 @@ def test_an_unguided_motion_moves_rigidly_with_its_start(generator: MSCoT) -> No
 
 def test_goals_are_seen_in_the_world_and_reached_there(generator: MSCoT) -> None:
     goals = Objective((Term("joint_target", {"position": [3.5, 1.0, -4.5]}, at=1.5),))
-    guide = ObjectiveGuide(goals, context(), SolverSettings(iterations=60, natural=False))
-    got = generator.generate("a person walks", 2.0, THERE, guide, samples=2)
+    draft = generator.generate("a person walks", 2.0, THERE, guide=ObjectiveGuide(goals, context()), samples=2)
+    assert draft.step is not None
+    got = refine(draft.step, goals, context(), SolverSettings(iterations=60, natural=False))
     free = generator.generate("a person walks", 2.0, THERE, samples=2)
-    errors = [goals.cost(m, context()) for m in (got.motion, got.unrefined, free.motion) if m is not None]
+    errors = [goals.cost(m, context()) for m in (got.motion, got.unrefined, free.motion)]
     assert (errors[0] < 0.1 * errors[1]).all() and errors[1].mean() < errors[2].mean()
     assert not got.motion.joints.requires_grad
-    assert len(got.trace["refinement_moved_latent"]) == 2  # type: ignore[arg-type]
 
 
-def test_a_guide_is_shown_every_scale_and_then_all_of_them(generator: MSCoT) -> None:
+def test_a_guide_is_shown_every_scale_and_a_draft_holds_all_of_them(generator: MSCoT) -> None:
     guide = Towards()
-    generator.generate("a person walks", 2.0, HERE, guide, samples=3)
+    draft = generator.generate("a person walks", 2.0, HERE, guide=guide, samples=3)
     lengths = generator.quantiser.lengths(10)
-    assert guide.shown == [*((3, n, 16) for n in lengths), (3, sum(lengths), 16)]
+    assert guide.shown == [(3, n, 16) for n in lengths]
+    assert draft.step is not None and draft.step.value.shape == (3, sum(lengths), 16)
 
 
 def test_a_guide_without_opinion_changes_nothing(generator: MSCoT) -> None:
     free = generator.generate("a person walks", 2.0, HERE, seed=3)
-    got = generator.generate("a person walks", 2.0, HERE, Towards(), seed=3)
-    assert torch.equal(got.motion.joints, free.motion.joints) and got.unrefined is not None
+    got = generator.generate("a person walks", 2.0, HERE, guide=Towards(), seed=3)
+    assert torch.equal(got.motion.joints, free.motion.joints)
     assert got.trace["tilt_kl_nats"] == pytest.approx([0.0] * len(SCALES), abs=1e-5)
-    assert got.trace["refinement_moved_latent"] == pytest.approx([0.0], abs=1e-6)
-
-
-def test_refinement_is_reported_as_a_share_of_the_latent(generator: MSCoT) -> None:
-    got = generator.generate("a person walks", 2.0, HERE, Towards(shift=0.5), seed=3)
-    (moved,) = got.trace["refinement_moved_latent"]  # type: ignore[misc]
-    assert 0.01 < moved < 10
-    assert got.unrefined is not None and (got.motion.joints - got.unrefined.joints).abs().max() > 1e-4
 
 
 @pytest.mark.parametrize("pull", [1.0, 1e4, 1e20])
@@ -130,9 +118,9 @@ def test_the_tilt_is_clipped_so_that_the_prior_keeps_a_say(pull: float) -> None:
     spreads = []
     for nats in (0.5, 4.0):
         generator = MSCoT(made, Sampling(clip_nats=nats))
-        got = generator.generate("a person walks", 2.0, HERE, Towards(pull), samples=2)
+        got = generator.generate("a person walks", 2.0, HERE, guide=Towards(pull), samples=2)
         kl = got.trace["tilt_kl_nats"]
-        most = [float(Sampling(clip_nats=nats).clip_at(k, len(SCALES), 2).mean()) for k in range(len(SCALES))]
+        most = [float(clip_at(Sampling(clip_nats=nats), k, len(SCALES), 2).mean()) for k in range(len(SCALES))]
         assert len(kl) == len(SCALES)  # type: ignore[arg-type]
         assert all(0 <= value <= limit for value, limit in zip(kl, most, strict=True))  # type: ignore[call-overload]
         spreads.append(sum(kl))  # type: ignore[arg-type]
@@ -141,14 +129,19 @@ def test_the_tilt_is_clipped_so_that_the_prior_keeps_a_say(pull: float) -> None:
 
 def test_coarse_scales_are_tilted_less_and_the_first_sample_least() -> None:
     sampling = Sampling(clip_nats=8.0)
-    most = torch.stack([sampling.clip_at(k, 10, 3) for k in range(10)])
+    most = torch.stack([clip_at(sampling, k, 10, 3) for k in range(10)])
     assert most[0].tolist() == [2.0, 5.0, 8.0] and most[-1].tolist() == [8.0] * 3
     assert (most.diff(dim=0) >= 0).all() and (most.diff(dim=1) >= 0).all()
-    assert sampling.clip_at(0, 10, 1).tolist() == [2.0] and not Sampling(clip_nats=0.0).clip_at(0, 10, 3).any()
-    shown: list[Tilt] = []
-    MSCoT(bundle(), sampling, shown.append).generate("a person walks", 2.0, HERE, Towards(1e6), samples=2)
-    assert [t.nats.tolist() for t in shown] == [
-        sampling.clip_at(k, len(SCALES), 2).tolist() for k in range(len(SCALES))
+    assert clip_at(sampling, 0, 10, 1).tolist() == [2.0] and not clip_at(Sampling(clip_nats=0.0), 0, 10, 3).any()
+    shown: list[Scale] = []
+
+    def look(scale: Scale, guide: Guide) -> Tensor:
+        shown.append(scale)
+        return tilted(scale, guide)
+
+    MSCoT(bundle(), sampling, look).generate("a person walks", 2.0, HERE, guide=Towards(1e6), samples=2)
+    assert [scale.nats.tolist() for scale in shown] == [
+        clip_at(sampling, k, len(SCALES), 2).tolist() for k in range(len(SCALES))
     ]
 
 
@@ -181,7 +174,7 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     for cfg in (0.0, 1.0, 2.0):
         generator = MSCoT(made, Sampling(cfg=cfg, temperature=1.0))
         text = generator._text("a person walks", 1)
-        first.append(generator._prior(_State(40, Windows.covering(10), HERE, [], [], []), text, 0, Cache()))
+        first.append(generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
     told = transformer.predict(q, made.text.encode(["a person walks"]), [], 0, 10)
     none = transformer.without_text(made.text.encode(["whatever it is"]), torch.tensor([True]))
@@ -205,7 +198,7 @@ def test_progress_is_told_scale_by_scale(generator: MSCoT) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"prompt": "  "}, "prompt is empty"),
+        ({"prompts": "  "}, "prompt is empty"),
         ({"seconds": 1.7}, "1.8"),
         ({"seconds": 61.0}, "60"),
         ({"seconds": float("nan")}, "nan"),
@@ -213,7 +206,7 @@ def test_progress_is_told_scale_by_scale(generator: MSCoT) -> None:
     ],
 )
 def test_requests_that_make_no_sense_are_refused(generator: MSCoT, wrong: dict[str, object], words: str) -> None:
-    request: dict[str, object] = {"prompt": "a person walks", "seconds": 2.0, "start": HERE}
+    request: dict[str, object] = {"prompts": "a person walks", "seconds": 2.0, "start": HERE}
     with pytest.raises(UserError, match=words) as error:
         generator.generate(**{**request, **wrong})  # type: ignore[arg-type]
     assert "\n" not in str(error.value)

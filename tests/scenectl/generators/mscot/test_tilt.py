@@ -8,9 +8,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from scenectl.generators.base import Generation, Step
-from scenectl.generators.mscot.sampling import MSCoT, Sampling, _State, exact_tilt
-from scenectl.generators.mscot.windows import Windows
+from scenectl.generators.base import Step
+from scenectl.generators.mscot.keeping import covering
+from scenectl.generators.mscot.posterior import exact_tilt
+from scenectl.generators.mscot.sampling import MSCoT, _State
+from scenectl.generators.mscot.settings import Sampling
 from scenectl.generators.steps import DecodedStep
 from scenes.motion.motion import Motion, Pose2D
 from tests.scenectl.small import bundle, double
@@ -32,12 +34,6 @@ class Goal:
         value = step.value.detach().requires_grad_(True)
         return torch.autograd.grad(self.function(step.decode(value).joints).sum(), value)[0]
 
-    def refine(self, step: Step) -> Tensor:
-        return step.value
-
-    def finish(self, made: Generation) -> Generation:
-        return made
-
 
 class Linear(MSCoT):
     """MSCoT whose decoder is linear: joints are a fixed map of the latent."""
@@ -48,14 +44,19 @@ class Linear(MSCoT):
         draw = torch.Generator().manual_seed(7)
         self.map = 0.02 * torch.randn(16 * FINEST, FRAMES * 66, generator=draw, dtype=torch.float64)
 
-    def _decode(self, state: _State, embeddings: list[Tensor]) -> Motion:
-        return self._moved(self.quantiser.latent(embeddings, state.finest))
-
     def _moved(self, latent: Tensor) -> Motion:
         return Motion((latent.flatten(1) @ self.map).unflatten(1, (FRAMES, 22, 3)))
 
     def _step(self, state: _State, value: Tensor, latent: Callable[[Tensor], Tensor]) -> Step:
         return DecodedStep(value, lambda v: self._moved(latent(v)))
+
+
+def decoded(generator: MSCoT, state: _State, embeddings: list[Tensor]) -> Motion:
+    """Motion of as many scales as there are."""
+    latent = generator.quantiser.latent(embeddings, state.finest)
+    if isinstance(generator, Linear):
+        return generator._moved(latent)
+    return generator._placed(state, generator.bundle.tokenizer.decode_latent(latent))
 
 
 def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Tensor, DecodedStep]:
@@ -64,10 +65,10 @@ def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Te
     lengths = q.lengths(FINEST)
     drawn = [q.lookup(i, torch.randint(16, (2, n), generator=draw)) for i, n in enumerate(lengths[:k])]
     latent = q.latent(drawn, FINEST) if drawn else None
-    state = _State(FRAMES, Windows.covering(FINEST), HERE, drawn, drawn, [], latent=latent)
+    state = _State(FRAMES, covering(FINEST), HERE, drawn, drawn, [], latent=latent)
     prior = (spread * torch.randn(2, lengths[k], 16, generator=draw, dtype=torch.float64)).log_softmax(-1)
     mean = prior.exp() @ q.codes(k)
-    return state, prior, DecodedStep(mean, lambda e: generator._decode(state, [*drawn, e]))
+    return state, prior, DecodedStep(mean, lambda e: decoded(generator, state, [*drawn, e]))
 
 
 def exact(generator: MSCoT, prior: Tensor, step: DecodedStep, goal: Goal, k: int) -> Tensor:
@@ -91,7 +92,7 @@ def test_the_exact_posterior_is_bayes_rule_written_out() -> None:
         for v in (0, 7, 15):
             value = step.value.clone()
             value[sample, 1] = codes[v]
-            joints = generator._decode(state, [*state.refined, value]).joints[sample]
+            joints = decoded(generator, state, [*state.refined, value]).joints[sample]
             torch.testing.assert_close(got[sample, v], -3 * (joints[5, 0, 2] - 1.0).square())
 
 
@@ -101,7 +102,7 @@ def test_for_a_goal_linear_in_the_motion_first_order_is_exact(k: int) -> None:
     state, prior, step = situation(generator, k)
     weights = torch.randn(FRAMES, 22, 3, dtype=torch.float64)
     goal = Goal(lambda x: (x * weights).sum((1, 2, 3)))
-    got = generator._tilted(state, prior, k, goal)
+    got = generator._guided(state, prior, k, goal)
     wanted = exact(generator, prior, step, goal, k)
     assert kl(wanted, prior).max() > 0.01  # the goal has something to say
     torch.testing.assert_close(got, wanted, atol=1e-9, rtol=1e-9)
@@ -126,7 +127,7 @@ def test_for_a_quadratic_goal_the_divergence_obeys_proposition_1(k: int, strengt
     generator = Linear()
     state, prior, step = situation(generator, k)
     goal = Goal(lambda x: -strength * (x[:, ::4, 0] - 0.5).square().sum((1, 2)))
-    approximate = generator._tilted(state, prior, k, goal)
+    approximate = generator._guided(state, prior, k, goal)
     true = exact(generator, prior, step, goal, k)
     divergence = kl(true, approximate)
     codes = generator.quantiser.codes(k)
@@ -146,7 +147,7 @@ def test_the_divergence_vanishes_as_codes_shrink() -> None:
         generator = Linear(shrink)
         state, prior, step = situation(generator, 2)
         goal = Goal(lambda x: -30 * (x[:, ::4, 0] - 0.5).square().sum((1, 2)))
-        worst.append(float(kl(exact(generator, prior, step, goal, 2), generator._tilted(state, prior, 2, goal)).max()))
+        worst.append(float(kl(exact(generator, prior, step, goal, 2), generator._guided(state, prior, 2, goal)).max()))
     # Half the size: a quarter of the bound at the least, and in the end the square of that.
     assert all(b < a / 4 for a, b in zip(worst[:-1], worst[1:], strict=True))
 
@@ -159,7 +160,7 @@ def test_first_order_points_the_right_way_through_the_real_decoder() -> None:
         goal = Goal(lambda x: -200 * (x[:, -1, 0, [0, 2]] - torch.tensor([0.5, 1.0])).square().sum(1))
         true = exact(generator, prior, step, goal, k)
         gained.append(float(kl(true, prior).mean()))
-        lost.append(float(kl(true, generator._tilted(state, prior, k, goal)).mean()))
+        lost.append(float(kl(true, generator._guided(state, prior, k, goal)).mean()))
     assert all(after < before for before, after in zip(gained, lost, strict=True))
     # The one token of the first scale moves the whole motion, further than a first order can see.
     assert sum(gained[1:]) > 1e-3 and sum(lost[1:]) < 0.5 * sum(gained[1:])
@@ -169,7 +170,7 @@ def test_reported_divergence_is_from_the_prior_a_position() -> None:
     generator = MSCoT(double(bundle()), Sampling(clip_nats=2.0))
     state, prior, _ = situation(generator, 3)
     goal = Goal(lambda x: -50 * (x[:, -1, 0] - 1.0).square().sum(1))
-    posterior = generator._tilted(state, prior, 3, goal)
+    posterior = generator._guided(state, prior, 3, goal)
     assert state.moved == [pytest.approx(float(kl(posterior, prior).mean()))]
     tilt = posterior - prior
     assert (tilt.amax(-1) - tilt.amin(-1)).max() <= 2.0 + 1e-9

@@ -6,9 +6,8 @@ import pytest
 import torch
 
 from scenectl.generators.mscot import sampling as mscot
-from scenectl.generators.mscot.keeping import closeness
+from scenectl.generators.mscot.keeping import LONGEST, OVERLAP, closeness, covering
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.windows import LONGEST, OVERLAP, Windows
 from scenes.motion.motion import Pose2D
 from tests.scenectl.small import bundle, quantiser
 
@@ -17,7 +16,7 @@ HERE = Pose2D()
 
 @pytest.mark.parametrize("tokens", [9, 48, 49, 50, 59, 88, 89, 100, 150, 299, 300])
 def test_windows_cover_the_motion_with_lengths_that_the_model_knows(tokens: int) -> None:
-    windows = Windows.covering(tokens)
+    windows = covering(tokens)
     assert (windows.count == 1) == (tokens <= LONGEST) and 9 <= windows.length <= LONGEST
     assert windows.starts[0] == 0 and windows.starts[-1] + windows.length == tokens
     steps = [b - a for a, b in zip(windows.starts, windows.starts[1:], strict=False)]
@@ -28,7 +27,7 @@ def test_windows_cover_the_motion_with_lengths_that_the_model_knows(tokens: int)
 
 
 def test_windows_that_agree_join_to_what_they_were_cut_from() -> None:
-    windows, whole = Windows.covering(130), torch.randn(2, 5, 130)
+    windows, whole = covering(130), torch.randn(2, 5, 130)
     parts = windows.split(whole)
     assert parts.shape == (2 * windows.count, 5, windows.length)
     torch.testing.assert_close(windows.join(parts), whole)
@@ -52,24 +51,24 @@ def test_the_closest_code_is_the_one_that_quantisation_takes(normalised: bool) -
 
 def test_a_long_motion_has_its_length_and_a_seed_decides_it() -> None:
     generator = MSCoT(bundle())
-    once, again, other = (generator.generate("a person walks", 12.35, HERE, None, 2, s) for s in (1, 1, 2))
+    once, again, other = (generator.generate("a person walks", 12.35, HERE, samples=2, seed=s) for s in (1, 1, 2))
     assert once.motion.joints.shape == (2, 247, 22, 3) and torch.equal(once.motion.joints, again.motion.joints)
     assert (once.motion.joints - other.motion.joints).abs().max() > 1e-3
 
 
 def test_neighbours_agree_the_more_the_surer_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     generator, seen = MSCoT(bundle()), list[float]()
-    decode = MSCoT._decode
+    refinable = MSCoT._refinable
 
-    def look(self: MSCoT, state: mscot._State, embeddings: list[torch.Tensor]) -> object:
-        rows = [state.windows.rows(e) for e in embeddings]
+    def look(self: MSCoT, state: mscot._State) -> object:
+        rows = [state.windows.rows(e) for e in state.refined]
         seen.append(float(state.windows.disagreement(self.quantiser.latent(rows, state.finest)).norm()))
-        return decode(self, state, embeddings)
+        return refinable(self, state)
 
-    monkeypatch.setattr(MSCoT, "_decode", look)
+    monkeypatch.setattr(MSCoT, "_refinable", look)
     for seam in (0.0, 10.0):
         monkeypatch.setattr(mscot, "SEAM", seam)
-        generator.generate("a person walks", 20.0, HERE, None, 4)
+        generator.generate("a person walks", 20.0, HERE, samples=4)
     assert seen[1] < 0.8 * seen[0]
 
 
@@ -77,7 +76,7 @@ def test_sixty_seconds_have_seams_no_rougher_than_the_rest() -> None:
     got = MSCoT(bundle()).generate("a person walks", 60.0, HERE).motion.joints[0]
     assert got.shape == (1200, 22, 3) and torch.isfinite(got).all()
     rough = (got[2:] - 2 * got[1:-1] + got[:-2]).norm(dim=-1).amax(-1)
-    seam, windows = torch.zeros(1198, dtype=torch.bool), Windows.covering(300)
+    seam, windows = torch.zeros(1198, dtype=torch.bool), covering(300)
     for start, before in zip(windows.starts[1:], windows.starts, strict=False):
         middle = 2 * (start + before + windows.length)
         seam[middle - 12 : middle + 12] = True

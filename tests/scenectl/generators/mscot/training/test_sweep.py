@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from scenectl.generators.mscot.training import sweep as module
-from scenectl.generators.mscot.training.sweep import shortened, train_sweep, write_table
-from scenectl.training.recipe import Recipe, Variant, load_recipe
+from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe
+from scenectl.training import sweep as module
+from scenectl.training.recipe import Variant, load_recipe
+from scenectl.training.sweep import shortened, write_table
 from scenes.errors import UserError
 from tests.scenectl.generators.mscot.training.test_train import TINY
 from tests.scenectl.training.folder import walks
 
+train_sweep = partial(module.train_sweep, plan=TRAINING)
 SWEEP = """
 [[sweep]]
 name = "plain"
@@ -40,7 +43,7 @@ def test_variants_are_trained_measured_and_kept(tmp_path: Path, monkeypatch: pyt
     def no_training(*args: object, **kwargs: object) -> None:
         raise AssertionError("trained again")
 
-    monkeypatch.setattr(module.Run, "tokenizer", no_training)
+    monkeypatch.setattr(module.Run, "train", no_training)
     assert train_sweep(data, config, tmp_path / "out", 6) == rows
     with pytest.raises(AssertionError):  # another length is another model
         train_sweep(data, config, tmp_path / "out", 7)
@@ -52,7 +55,7 @@ def test_a_recipe_without_variants_says_so(tmp_path: Path) -> None:
 
 
 def test_the_bundled_sweep_changes_one_thing_at_a_time() -> None:
-    recipe = load_recipe("sweep")
+    recipe = load_recipe("sweep", MSCoTRecipe)
     plain = recipe.model_dump(exclude={"sweep"})
     seen = set()
     for variant in recipe.sweep:
@@ -64,7 +67,7 @@ def test_the_bundled_sweep_changes_one_thing_at_a_time() -> None:
 
 def test_shortened_recipes_still_quantise(tmp_path: Path) -> None:
     for iterations in (4, 100, 5000):
-        recipe: Recipe = shortened(load_recipe("compact"), iterations)
+        recipe = shortened(TRAINING, load_recipe("compact", MSCoTRecipe), iterations)
         for part in (recipe.tokenizer, recipe.refiner, recipe.transformer):
             assert part.loop.iterations == iterations and part.loop.warmup <= max(1, iterations // 10)
         assert recipe.tokenizer.continuous <= iterations // 4

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
 import torch
-import torch.nn.functional as F
 
-from scenectl.data.features import features_to_joints, joints_to_features
 from scenectl.generators import load_generator
-from scenectl.generators.mscot.bundle import build, bundled_weights, load_bundle
+from scenectl.generators.mscot.bundle import build, load_bundle
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
-from scenectl.generators.mscot.training.tokenizer import _kept_scales, reconstruction_error
-from scenectl.generators.mscot.training.transformer import Captions, _corrupted
-from scenectl.networks.text import TextFeatures
+from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe
+from scenectl.generators.mscot.training.tokenizer import _kept_scales
+from scenectl.generators.mscot.training.transformer import _corrupted
+from scenectl.generators.weights import BUNDLED, bundled_weights, described
 from scenectl.tasks.task import Task
-from scenectl.training.command import train
-from scenectl.training.dataset import prepare
-from scenectl.training.losses import ReconstructionWeights, _amplitudes, reconstruction_loss
-from scenectl.training.recipe import Recipe, load_recipe
+from scenectl.training import command
+from scenectl.training.recipe import load_recipe
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
-from tests.scenectl.small import Words, config, walk
+from tests.scenectl.small import config
 from tests.scenectl.training.folder import same, walks
 
 DECODER = """[decoder]
@@ -55,6 +53,9 @@ loop = {{ iterations = 4, batch = 8, warmup = 1, log_every = 2 }}
 """
 
 
+train = partial(command.train, plan=TRAINING)
+
+
 @pytest.fixture(scope="module")
 def recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recipe") / "tiny.toml"
@@ -83,7 +84,7 @@ def test_the_paper_recipe_has_the_papers_sizes() -> None:
     Transformer (24.51 M there) and refiner (2.72 M) are smaller here: appendix B.2 gives layers, widths and heads
     but not their blocks, and plain ones with those numbers come to 15.3 M and 1.8 M.
     """
-    recipe = load_recipe("paper")
+    recipe = load_recipe("paper", MSCoTRecipe)
     tokenizer, transformer, refiner = build(recipe.model)
     assert millions(tokenizer.encoder) + millions(tokenizer.decoder) == pytest.approx(19.44, rel=0.01)
     assert millions(tokenizer.quantiser.convs) == pytest.approx(6.30, rel=0.01)
@@ -99,7 +100,7 @@ def test_the_paper_recipe_has_the_papers_sizes() -> None:
 
 
 def test_the_compact_recipe_is_small() -> None:
-    networks = build(load_recipe("compact").model)
+    networks = build(load_recipe("compact", MSCoTRecipe).model)
     assert sum(map(millions, networks)) < 8
 
 
@@ -117,16 +118,16 @@ def test_a_wrong_line_of_a_recipe_is_named(tmp_path: Path, change: tuple[str, st
     path = tmp_path / "r.toml"
     path.write_text(TINY.replace(*change))
     with pytest.raises(UserError, match=words) as error:
-        load_recipe(path)
+        load_recipe(path, MSCoTRecipe)
     assert "\n" not in str(error.value) and str(path) in str(error.value)
 
 
 def test_unknown_recipes_name_the_nearest(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="did you mean 'compact'"):
-        load_recipe("compcat")
+        load_recipe("compcat", MSCoTRecipe)
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UserError, match="not valid TOML"):
-        load_recipe(tmp_path / "binary.toml")
+        load_recipe(tmp_path / "binary.toml", MSCoTRecipe)
 
 
 def test_a_run_ends_in_weights_that_generate(run: Path) -> None:
@@ -142,7 +143,7 @@ def test_bundled_weights_are_known_by_name_to_tasks_and_generators(
     for name in ("default", "permissive"):
         shutil.copytree(run / "weights", tmp_path / "weights" / name)
     (tmp_path / "weights" / "evaluator").mkdir()  # weights of something else
-    monkeypatch.setattr("scenectl.generators.mscot.bundle._BUNDLED", tmp_path / "weights")
+    monkeypatch.setattr("scenectl.generators.weights.BUNDLED", tmp_path / "weights")
     assert bundled_weights() == ["default", "permissive"]
     assert load_generator("mscot", "permissive").licence.startswith("non-commercial")
     with pytest.raises(UserError, match="did you mean 'permissive'"):
@@ -157,6 +158,7 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     assert {p.name for p in weights.iterdir()} == {
         *(f"{part}.safetensors" for part in ("tokenizer", "transformer", "refiner", "metric")),
         "MODEL_CARD.md",
+        "manifest.json",
         "metrics.json",
         "curves.png",
     }
@@ -174,6 +176,20 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     assert len(metrics["cross_entropy_by_scale"]) == 3 and all(0 < x < 10 for x in metrics["cross_entropy_by_scale"])
     assert [row["scale"] for row in metrics["code_use"]["test"]] == [1, 2, 3]
     assert (weights / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_manifest_says_what_the_headers_say(run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run / "weights", tmp_path / "bare")
+    (tmp_path / "bare" / "manifest.json").unlink()
+    for folder, bare in ((run / "weights", tmp_path / "bare"), *((BUNDLED / name, None) for name in bundled_weights())):
+        if bare is None:
+            bare = tmp_path / folder.name
+            shutil.copytree(folder, bare, ignore=shutil.ignore_patterns("manifest.json"))
+        got, wanted = described(folder), described(bare)
+        assert set(got.parts) == set(wanted.parts) == {"tokenizer", "transformer", "refiner", "metric"}
+        assert all(path.is_file() for path in got.parts.values())
+        about = ("family", "config", "licence", "credits")
+        assert all(getattr(got, name) == getattr(wanted, name) for name in about) and got.family == "mscot"
 
 
 def test_a_finished_run_is_not_trained_again(run: Path, recipe: Path, data: Path) -> None:
@@ -214,16 +230,16 @@ def test_stages_that_are_killed_end_as_if_they_had_not_been(
             monkeypatch.setattr(Loop, "_step", step)
             torch.manual_seed(17 + stop)
             with pytest.raises(Killed):
-                train(stage, data, recipe, tmp_path)  # type: ignore[arg-type]
+                train(stage, data, recipe, tmp_path)
         monkeypatch.setattr(Loop, "_step", own)
-        train(stage, data, recipe, tmp_path)  # type: ignore[arg-type]
+        train(stage, data, recipe, tmp_path)
         assert same(weights_of(tmp_path / stage), weights_of(run / stage)), stage
 
 
 def test_stages_need_those_before_them(recipe: Path, data: Path, tmp_path: Path) -> None:
     for stage in ("decoder", "refiner", "transformer", "export"):
         with pytest.raises(UserError, match="holds no trained tokenizer"):
-            train(stage, data, recipe, tmp_path)  # type: ignore[arg-type]
+            train(stage, data, recipe, tmp_path)
     with pytest.raises(UserError, match="single stage"):
         train("all", data, recipe, tmp_path, iterations=3)
     with pytest.raises(UserError, match=r"no motions_20fps\.npz"):
@@ -232,7 +248,7 @@ def test_stages_need_those_before_them(recipe: Path, data: Path, tmp_path: Path)
 
 def test_a_decoder_of_its_own_leaves_the_tokens_alone(run: Path, recipe: Path, data: Path, tmp_path: Path) -> None:
     trained, before = (weights_of(run / stage) for stage in ("decoder", "tokenizer"))
-    got = load_bundle(run / "weights").tokenizer
+    got = load_bundle(described(run / "weights")).tokenizer
     for name, tensor in got.state_dict().items():
         part, _, rest = name.partition(".")
         wanted = trained[f"averaged.{rest}"] if part == "decoder" else before[f"averaged.{name}"]
@@ -264,67 +280,6 @@ def test_iterations_can_be_given_for_one_stage(recipe: Path, data: Path, tmp_pat
     assert [p["iteration"] for p in curve] == [2, 4] and all(p["loss"] > 0 for p in curve)
 
 
-def test_the_reconstruction_loss_is_its_terms() -> None:
-    wanted = joints_to_features(walk(40))[None].double()
-    std = torch.rand(263, dtype=torch.float64) + 0.5
-    got = wanted + 0.1 * torch.randn_like(wanted)
-    difference = features_to_joints(got) - features_to_joints(wanted)
-    smooth = F.smooth_l1_loss(got / std, wanted / std, reduction="none", beta=0.5)
-    feet = difference[:, :, [7, 10, 8, 11]]
-    terms = {
-        "features": smooth.mean(),
-        "root": smooth[..., 0].mean() + smooth[..., 1:3].mean(),
-        "joints": difference.abs().mean(),
-        "feet": (feet[:, 1:] - feet[:, :-1]).abs().mean(),
-        "velocities": (difference[:, 1:] - difference[:, :-1]).abs().mean(),
-        "lift": feet[..., 1].abs().mean(),
-        "peaks": (difference[0, 2:] - 2 * difference[0, 1:-1] + difference[0, :-2]).norm(dim=-1).max(),
-        "amplitudes": 2 / 16 * (spectra(got) - spectra(wanted)).abs().sum(-2).mean(),
-        "contacts": sliding(features_to_joints(got)[:, :, [7, 10, 8, 11]], wanted[..., 259:263] > 0.5),
-    }
-    silent = dict.fromkeys(terms, 0.0)
-    for name, value in terms.items():
-        loss, error = reconstruction_loss(got, wanted, std, ReconstructionWeights(**{**silent, name: 3.0}))
-        torch.testing.assert_close(loss, 3 * value)
-        torch.testing.assert_close(error, difference.norm(dim=-1).mean())
-    perfect, error = reconstruction_loss(wanted, wanted, std, ReconstructionWeights())
-    assert float(perfect) == 0.0 and float(error) == 0.0
-
-
-def spectra(features: torch.Tensor) -> torch.Tensor:
-    """Moduli, never quite zero, of all coordinates' Fourier components about the pelvis, window by window."""
-    joints = features_to_joints(features)
-    tracks = (joints - joints[:, :, :1])[0].flatten(1)
-    window = torch.hann_window(32, dtype=tracks.dtype)[:, None]
-    pieces = [torch.fft.rfft(tracks[t : t + 32] * window, dim=0)[1:] for t in range(0, len(tracks) - 31, 8)]
-    return (torch.stack(pieces).abs().square() + 1e-8).sqrt()
-
-
-def test_amplitudes_care_for_how_much_a_joint_moves_and_not_for_when() -> None:
-    """A wave half a period late costs nothing; one that is averaged away costs its amplitude."""
-    time = torch.arange(64, dtype=torch.float64)
-    wave = 0.1 * torch.sin(2 * torch.pi * time / 8)
-    still = torch.zeros(1, 64, 22, 3, dtype=torch.float64)
-    waving, late = still.clone(), still.clone()
-    waving[0, :, 21, 0], late[0, :, 21, 0] = wave, -wave
-    assert float((_amplitudes(waving) - _amplitudes(late)).abs().max()) < 1e-12
-    assert float((_amplitudes(waving) - _amplitudes(still)).amax()) == pytest.approx(0.1, abs=2e-4)
-    (gradient,) = torch.autograd.grad(_amplitudes(still.requires_grad_(True)).sum(), still)
-    assert bool(gradient.isfinite().all())
-
-
-def sliding(feet: torch.Tensor, stands: torch.Tensor) -> torch.Tensor:
-    """Mean displacement along an axis over the frames at which the true foot stands, one by one."""
-    steps = [
-        (feet[0, t + 1, j] - feet[0, t, j]).abs().mean()
-        for t in range(feet.shape[1] - 1)
-        for j in range(4)
-        if stands[0, t, j]
-    ]
-    assert len(steps) > 20
-    return torch.stack(steps).mean()
-
-
 def test_dropout_keeps_at_least_one_scale_and_mostly_all() -> None:
     model = Tokenizer(config().tokenizer)
     kept = _kept_scales(model, 5000, 0.2, torch.Generator().manual_seed(0))
@@ -340,51 +295,11 @@ def test_corruption_replaces_about_the_share_it_is_told() -> None:
     assert torch.equal(_corrupted(tokens, 0.0, 16, torch.Generator()), tokens)
 
 
-def test_captions_are_the_clips_own_and_all_get_their_turn(data: Path, tmp_path: Path) -> None:
-    windows = prepare(data, ["train"], None, tmp_path, 0)
-    windows.captions[1][:] = ["one", "two words"]
-    captions = Captions(windows, Words())
-    seen = set()
-    for seed in range(12):
-        got = captions.draw(torch.tensor([1, 0]), torch.Generator().manual_seed(seed))
-        assert isinstance(got, TextFeatures) and got.words.shape[1] == int(got.mask.sum(-1).max())
-        texts = {i: Words().encode([text]) for i, text in enumerate(windows.captions[1])}
-        (chosen,) = (i for i, t in texts.items() if torch.allclose(got.sentence[0], t.sentence[0]))
-        seen.add(chosen)
-        length = int(got.mask[0].sum())
-        torch.testing.assert_close(got.words[0, :length], texts[chosen].words[0])
-        torch.testing.assert_close(got.sentence[1], Words().encode(windows.captions[0]).sentence[0])
-    assert seen == {0, 1}
-
-
-def test_reconstruction_errors_are_what_they_are_called(data: Path, tmp_path: Path) -> None:
-    windows = prepare(data, ["train"], None, tmp_path, 0)
-
-    class Shifted(Tokenizer):
-        """Raises every clip by 10 cm, and makes nothing else wrong."""
-
-        def encode(self, features: torch.Tensor) -> list[torch.Tensor]:
-            self.kept = features
-            return [torch.zeros(1, 1, dtype=torch.long)]
-
-        def decode(self, tokens: list[torch.Tensor]) -> torch.Tensor:
-            moved = self.kept.clone()
-            moved[..., 3] += 0.1
-            moved[..., 5:67:3] += 0.1
-            return moved
-
-    got = reconstruction_error(Shifted(config().tokenizer), windows, 52)
-    assert (
-        got["all"]["clips"] == 4 and got["bandai"]["clips"] == 2 and got["other"]["clips"] == got["cmu"]["clips"] == 2
-    )
-    for row in got.values():
-        assert row["global_error_m"] == pytest.approx(0.1, abs=1e-5)
-        assert row["local_error_m"] == pytest.approx(0.0, abs=1e-5)
-        assert row["root_drift_m"] == pytest.approx(0.1, abs=1e-5)
-
-
 def test_the_permissive_recipe_is_compact_on_free_data() -> None:
-    ours, compact = load_recipe("permissive").model_dump(), load_recipe("compact").model_dump()
+    ours, compact = (
+        load_recipe("permissive", MSCoTRecipe).model_dump(),
+        load_recipe("compact", MSCoTRecipe).model_dump(),
+    )
     assert (ours["commercial_only"], ours["model"]["name"]) == (True, "permissive")
     ours["commercial_only"], ours["model"]["name"] = False, "compact"
     for stage in ("tokenizer", "decoder", "refiner", "transformer"):
@@ -397,17 +312,17 @@ def test_a_recipe_extends_another_key_by_key(recipe: Path, tmp_path: Path) -> No
     (tmp_path / "base.toml").write_text(TINY)
     path = tmp_path / "own.toml"
     path.write_text('extends = "base.toml"\n[model]\nname = "own"\n[tokenizer]\nframes = [24]\n')
-    got, base = load_recipe(path), load_recipe(recipe)
+    got, base = load_recipe(path, MSCoTRecipe), load_recipe(recipe, MSCoTRecipe)
     assert got == base.varied({"model.name": "own", "tokenizer.frames": [24]})
     assert got.tokenizer.loop == base.tokenizer.loop and got.tokenizer.frames == (24,)
     for text, words in (("'own.toml'", "extends itself"), ("'bse'", "no training config 'bse'"), ("3", "one config")):
         path.write_text(f"extends = {text}")
         with pytest.raises(UserError, match=words):
-            load_recipe(path)
+            load_recipe(path, MSCoTRecipe)
 
 
 def test_variants_of_unknown_keys_name_the_nearest(recipe: Path) -> None:
-    made = load_recipe(recipe)
+    made = load_recipe(recipe, MSCoTRecipe)
     with pytest.raises(UserError, match=r"did you mean 'model\.tokenizer\.codes'"):
         made.varied({"model.tokenizer.code": 8})
     with pytest.raises(UserError, match=r"tokenizer\.dropout"):
@@ -416,5 +331,5 @@ def test_variants_of_unknown_keys_name_the_nearest(recipe: Path) -> None:
 
 
 def test_recipes_hold_everything_they_are_made_of(recipe: Path) -> None:
-    made = load_recipe(recipe)
-    assert Recipe.model_validate(made.model_dump()) == made
+    made = load_recipe(recipe, MSCoTRecipe)
+    assert MSCoTRecipe.model_validate(made.model_dump()) == made

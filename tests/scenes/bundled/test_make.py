@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import runpy
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from scenes.bundled.authoring import BUNDLED, SCENES, write
 from scenes.mesh.mesh import load_mesh
-from scenes.world.floor import FreeArea, find_floor, free_area, path_length
-from scenes.world.scene import Scene, bundled, bundled_names
+from scenes.world.floor.ground import find_floor
+from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.polyline import path_length
+from scenes.world.scene import BUNDLED, Scene, bundled, bundled_names
 
+MAKE = runpy.run_path(str(BUNDLED / "make.py"), run_name="make")
+SCENES, write = MAKE["SCENES"], MAKE["write"]
 NAMES = sorted(SCENES)
 
 

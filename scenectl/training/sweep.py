@@ -6,21 +6,20 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from scenectl.generators.mscot.networks.tokenizer import Tokenizer
-from scenectl.generators.mscot.training.measures import beginnings, code_use, least_use
-from scenectl.generators.mscot.training.tokenizer import reconstruction_error
-from scenectl.training.command import Run
-from scenectl.training.placement import Placement
+from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, Variant, load_recipe
+from scenectl.training.stages import Comparison, Run, Training
 from scenes.errors import UserError
 from scenes.files import atomic_write
 
 Row = dict[str, Any]
 Tell = Callable[[str, float], None]
+R = TypeVar("R", bound=Recipe)
 
-LOOPS = ("tokenizer", "refiner", "transformer")
+Measure = Callable[[Run[Any]], Mapping[str, Any]]
+"""More columns of a variant's row, from its run."""
 
 
 def train_sweep(
@@ -28,63 +27,74 @@ def train_sweep(
     config: str | Path,
     out: str | Path,
     iterations: int,
-    where: Placement | None = None,
+    device: str = "auto",
     tell: Tell | None = None,
+    *,
+    plan: Training[Any],
 ) -> list[Row]:
-    """Train the tokenizers of a recipe's ``[[sweep]]`` variants; writes `sweep.md` and `sweep.json` in `out`.
+    """Train what a recipe's ``[[sweep]]`` variants compare; writes `sweep.md` and `sweep.json` in `out`.
 
     Raises:
         UserError: the recipe names no variants, a variant changes what recipes do not have, or see `Run`.
     """
-    recipe = load_recipe(config)
+    recipe = load_recipe(config, plan.recipe)
     if not recipe.sweep:
         raise UserError(f"training config '{config}' has no [[sweep]] entries; add some, or take --config sweep")
-    rows = sweep(recipe, recipe.sweep, Path(data), Path(out), iterations, where, tell)
-    write_table(rows, Path(out) / "sweep", f"Variants of {recipe.model.name}, {iterations} iterations each")
+    where = place(device, recipe.precision)
+    rows = sweep(plan, recipe, recipe.sweep, Path(data), Path(out), iterations, where, tell)
+    write_table(rows, Path(out) / "sweep", f"Variants of {recipe.name}, {iterations} iterations each")
     return rows
 
 
 def sweep(
-    recipe: Recipe,
+    plan: Training[R],
+    recipe: R,
     variants: Sequence[Variant],
     data: Path,
     out: Path,
     iterations: int,
     where: Placement | None = None,
     tell: Tell | None = None,
-    measure: Callable[[Run, Tokenizer], Mapping[str, Any]] | None = None,
+    measure: Measure | None = None,
 ) -> list[Row]:
-    """Train and measure the tokenizer of every variant; what is done is not done again.
+    """Train and measure the compared stage of every variant; what is done is not done again.
 
     Args:
+        plan: of the family.
         recipe: what the variants are variants of.
         variants: trained in this order.
         data: folder of the motions.
         out: gets a folder for each variant, named after it and all of its settings.
-        iterations: of each variant's tokenizer (and of whatever else `measure` trains).
+        iterations: of each variant's compared stage (and of whatever else `measure` trains).
         where: device and precision.
         tell: called with the variant's name and the share done.
-        measure: more columns, from the variant's run and its finished tokenizer.
+        measure: more columns.
+
+    Raises:
+        UserError: the family compares nothing.
     """
+    if plan.comparison is None:
+        raise UserError(f"generator '{recipe.family}' has no sweep; train its variants one by one")
     rows = []
     for i, variant in enumerate(variants):
         if tell is not None:
             tell(variant.name, i / len(variants))
-        changed = shortened(recipe.varied(variant.set), iterations)
-        run = Run(changed, data, out / f"{variant.name}-{_digest(changed)}", where=where, cache=out / "data")
-        rows.append(_row(run, variant, measure))
+        changed = shortened(plan, recipe.varied(variant.set), iterations)
+        run = Run(plan, changed, data, out / f"{variant.name}-{_digest(changed)}", where=where, cache=out / "data")
+        rows.append(_row(run, plan.comparison, variant, measure))
     return rows
 
 
-def shortened(recipe: Recipe, iterations: int) -> Recipe:
+def shortened(plan: Training[R], recipe: R, iterations: int) -> R:
     """The recipe with every stage cut to so many iterations, and warm-ups to a tenth of them at most."""
     changes: dict[str, Any] = {}
-    for part in LOOPS:
-        warmup = min(getattr(recipe, part).loop.warmup, max(1, iterations // 10))
-        changes |= {f"{part}.loop.iterations": iterations, f"{part}.loop.warmup": warmup}
-    changes["decoder"] = None  # what is compared stops short of it
-    changes["tokenizer.continuous"] = min(recipe.tokenizer.continuous, iterations // 4)
-    return recipe.varied(changes)
+    for stage in plan.stages:
+        settings = getattr(recipe, stage.name)
+        if settings is not None:
+            warmup = min(settings.loop.warmup, max(1, iterations // 10))
+            changes |= {f"{stage.name}.loop.iterations": iterations, f"{stage.name}.loop.warmup": warmup}
+    extra = {} if plan.comparison is None else plan.comparison.shortened(recipe, iterations)
+    return recipe.varied({**changes, **extra})
 
 
 def write_table(rows: Sequence[Row], path: Path, title: str) -> None:
@@ -99,7 +109,7 @@ def write_table(rows: Sequence[Row], path: Path, title: str) -> None:
         json.dump({"title": title, "rows": rows}, file, indent=1)
 
 
-def _row(run: Run, variant: Variant, measure: Callable[[Run, Tokenizer], Mapping[str, Any]] | None) -> Row:
+def _row(run: Run[Any], comparison: Comparison, variant: Variant, measure: Measure | None) -> Row:
     """Train and measure one variant, or read what an earlier call found."""
     path = run.out / ("row.json" if measure is None else f"row-{measure.__name__.strip('_')}.json")
     if path.is_file():
@@ -107,42 +117,26 @@ def _row(run: Run, variant: Variant, measure: Callable[[Run, Tokenizer], Mapping
             return dict(json.loads(path.read_text()))
         except ValueError as error:
             raise UserError(f"'{path}' is damaged ({error}); delete it and run again") from error
-    loop = run.tokenizer()
-    tokenizer = run.trained_tokenizer()
-    speed = {"iterations_per_second": loop.iteration / max(loop.seconds, 1e-9)}
+    run.train(comparison.stage)
+    loop = run.finished(comparison.stage)
     row = {
         "variant": variant.name,
         "changes": variant.set,
         "iterations": loop.iteration,
-        "parameters_m": sum(p.numel() for p in tokenizer.parameters()) / 1e6,
-        **_reconstruction(run, tokenizer),
-        **speed,
+        "parameters_m": sum(p.numel() for p in loop.averaged.parameters()) / 1e6,
+        **comparison.columns(run),
+        "iterations_per_second": loop.iteration / max(loop.seconds, 1e-9),
         "frames_per_second": loop.frames_per_second,
-        **(measure(run, tokenizer) if measure is not None else {}),
+        **(measure(run) if measure is not None else {}),
     }
     with atomic_write(path, "w") as file:
         json.dump(row, file, indent=1)
     return row
 
 
-def _reconstruction(run: Run, tokenizer: Tokenizer) -> dict[str, float]:
-    """Errors and code use over the first 64 frames of the test clips."""
-    test = run.windows(["test"], False)
-    errors = reconstruction_error(tokenizer, test, 64)
-    use = code_use(tokenizer, beginnings(test, 64))
-    found = {f"error_{name}_m": errors[name]["global_error_m"] for name in ("bandai", "other", "all") if name in errors}
-    return {
-        **found,
-        "local_error_m": errors["all"]["local_error_m"],
-        "root_drift_m": errors["all"]["root_drift_m"],
-        "codes_used": least_use(use),
-        "perplexity": least_use(use, "perplexity"),
-    }
-
-
 def _digest(recipe: Recipe) -> str:
     """Eight letters that change with any setting, so that no variant goes on from another's state."""
-    return hashlib.sha256(recipe.model_dump_json(exclude={"sweep"}).encode()).hexdigest()[:8]
+    return hashlib.sha256(recipe.model_dump_json(exclude={"family", "sweep"}).encode()).hexdigest()[:8]
 
 
 def _cell(value: object) -> str:

@@ -8,8 +8,8 @@ from pathlib import Path
 import torch
 
 from scenectl.data.augment import Augmentation
+from scenectl.data.clips import ClipSet, prepare
 from scenectl.data.humanml3d import LICENCE, SPLITS, FeatureClip, HumanML3D
-from scenectl.training.dataset import Windows, prepare
 from scenes.errors import UserError
 
 COLLECTION = ("motions_20fps.npz", "clips.jsonl")
@@ -41,15 +41,15 @@ def is_humanml3d(folder: Path) -> bool:
     return True
 
 
-def windows(
+def load_clips(
     folder: Path,
     splits: Sequence[str],
     augmentation: Augmentation | None,
     cache: Path,
     seed: int,
     commercial_only: bool = False,
-) -> Windows:
-    """Clips of a folder of either kind, as `scenectl.training.dataset.prepare` gives them.
+) -> ClipSet:
+    """Clips of a folder of either kind, as `scenectl.data.clips.prepare` gives them.
 
     HumanML3D is taken as it comes: its own features, clips and described parts of 40 to 199 frames, and of the
     augmentations only mirroring, for which it lists its own mirrored copies. Nothing is kept in `cache`.
@@ -69,16 +69,16 @@ def windows(
     return _joined(clips)
 
 
-def _joined(clips: Sequence[FeatureClip]) -> Windows:
+def _joined(clips: Sequence[FeatureClip]) -> ClipSet:
     lengths = torch.tensor([0, *(len(clip.features) for clip in clips)])
     count = len(clips)
-    return Windows(
+    return ClipSet(
         features=torch.cat([clip.features for clip in clips]),
         starts=lengths.cumsum(0),
         captions=[[caption.text.lower().strip() for caption in clip.captions] for clip in clips],
         groups=["humanml3d"] * count,
         sources=["humanml3d"] * count,
-        # A mirrored copy counts as augmented wherever the collection's do (dataset: "~" in its name).
+        # A mirrored copy counts as augmented wherever the collection's do (clips: "~" in its name).
         ids=[f"{clip.id}~m" if clip.mirrored else clip.id for clip in clips],
         licences=[LICENCE] * count,
         commercial=[False] * count,

@@ -1,18 +1,17 @@
-"""The floor is found under furniture and noise; the map and its paths agree with geometry done by hand."""
+"""The map of the floor and its paths agree with geometry done by hand."""
 
 from __future__ import annotations
 
 import math
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from scenes.errors import UserError
-from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box, Capsule, Cylinder, csg
-from scenes.world.floor import OPEN, SPACING, FreeArea, find_floor, free_area, path_length, resample
+from scenes.world.floor.planning import OPEN, SPACING, FreeArea, free_area
+from scenes.world.floor.polyline import path_length
 from scenes.world.scene import Scene
 
 RADIUS = 0.3
@@ -49,61 +48,6 @@ def round_a_pillar() -> FreeArea:
 def centres(area: FreeArea) -> np.ndarray:
     x, z = np.indices(area.clearance.shape)
     return np.stack([x, z], axis=-1) * area.cell + area.origin
-
-
-# --- the floor's height --------------------------------------------------------------------------------------------
-
-
-def furnished(noise: float = 0.0, inward: bool = False) -> Mesh:
-    """A room as a closed box seen from inside or as a slab, with a table and a wardrobe, finely triangulated."""
-    import trimesh
-
-    if inward:
-        shell = trimesh.creation.box(bounds=[[-2, 0, -2], [2, 2.5, 2]])
-        shell.invert()
-    else:
-        shell = trimesh.creation.box(bounds=[[-2, -0.2, -2], [2, 0, 2]])
-    table = trimesh.creation.box(bounds=[[-1, 0.7, -1], [1, 0.75, 1]])
-    wardrobe = trimesh.creation.box(bounds=[[1, 0.0, 1], [2, 2.0, 2]])
-    whole = trimesh.util.concatenate([part.subdivide().subdivide().subdivide() for part in (shell, table, wardrobe)])
-    vertices = whole.vertices + np.random.default_rng(0).normal(scale=noise, size=whole.vertices.shape)
-    return Mesh(vertices, whole.faces, "furnished")
-
-
-@pytest.mark.parametrize("inward", [False, True])
-def test_the_floor_is_found_below_the_furniture(inward: bool) -> None:
-    found = find_floor([furnished(inward=inward)])
-    assert found.found and found.height == pytest.approx(0.0, abs=1e-9)
-    assert found.area == pytest.approx(16.0, rel=0.01)
-
-
-def test_the_floor_is_found_in_noise() -> None:
-    assert find_floor([furnished(noise=0.01, inward=True)]).height == pytest.approx(0.0, abs=0.01)
-
-
-def test_a_roof_larger_than_the_floor_is_not_the_floor() -> None:
-    roof = csg("union", Box((0.0, -0.05, 0.0), (4.0, 0.1, 4.0)), Box((0.0, 2.5, 0.0), (6.0, 0.1, 6.0)))
-    assert find_floor([roof]).height == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_small_pit_is_not_the_floor() -> None:
-    pit = csg("difference", Box((0.0, -0.5, 0.0), (4.0, 1.0, 4.0)), Box((1.0, -0.2, 1.0), (0.5, 0.5, 0.5)))
-    assert find_floor([pit]).height == pytest.approx(0.0, abs=1e-9)
-
-
-def test_without_anything_that_faces_up_the_user_is_asked() -> None:
-    wall = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "wall")
-    with pytest.raises(UserError, match=r"found no floor in 'wall'.*state its height"):
-        find_floor([wall])
-
-
-@pytest.mark.parametrize("scan", ["living_room", "office_large"])
-def test_the_floor_of_a_scan(shared: Path, scan: str) -> None:
-    mesh = load_mesh(shared / "data/meshes" / f"{scan}.ply")
-    assert find_floor([mesh]).height == pytest.approx(mesh.bounds[0, 1], abs=0.02)  # both lie on the ground
-
-
-# --- the map -------------------------------------------------------------------------------------------------------
 
 
 def test_clearance_is_the_horizontal_distance_to_the_nearest_obstacle(round_a_pillar: FreeArea) -> None:
@@ -271,10 +215,3 @@ def test_ends_that_are_not_free_are_named_with_the_nearest_place(round_a_pillar:
 def test_start_and_goal_may_coincide(round_a_pillar: FreeArea) -> None:
     path = round_a_pillar.path((1.2, 0.3), (1.2, 0.3))
     assert path_length(path) == pytest.approx(0.0, abs=1e-9) and len(path) >= 2
-
-
-def test_resampling_keeps_ends_and_length() -> None:
-    corner = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]])
-    line = resample(corner, 0.1)
-    assert np.allclose(line[[0, -1]], corner[[0, -1]]) and len(line) == 16
-    assert path_length(line) == pytest.approx(1.5)

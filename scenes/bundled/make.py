@@ -1,4 +1,4 @@
-"""The bundled scenes, as the script that makes them: ``python -m scenes.bundled.authoring [FOLDER]``.
+"""The bundled scenes, as the script that makes them: ``python scenes/bundled/make.py [FOLDER]``.
 
 Every object is a closed solid with outward normals and a node of its own, in metres, y up, the top of the floor
 at y = 0. Objects stand 5 mm deep in the floor, so that no faces coincide. There is no ceiling, and the walls
@@ -8,7 +8,6 @@ the same bytes every time.
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from manifold3d import Manifold, OpType
 
 from scenes.files import atomic_write
+from scenes.mesh.glb import Item, glb
 
 BUNDLED = Path(__file__).parent
 """Where the scenes of this package live."""
@@ -31,15 +32,6 @@ _WALL, _HIGH, _LOW = 0.12, 2.5, 0.9  # wall thickness and the two heights, metre
 _PLASTER, _OAK, _WALNUT, _LINEN = (233, 229, 220), (205, 176, 136), (139, 100, 66), (222, 214, 199)
 _TEAL, _OCHRE, _SLATE, _BRASS = (84, 122, 129), (204, 154, 74), (66, 72, 80), (178, 146, 86)
 _LEAF, _CLAY, _BRICK, _STONE, _PAPER = (92, 128, 84), (184, 112, 82), (176, 92, 74), (170, 168, 162), (247, 244, 236)
-
-
-@dataclass(frozen=True)
-class Item:
-    """One object of a scene: a closed solid (a `manifold3d.Manifold`) with a name and an sRGB colour."""
-
-    name: str
-    solid: Any
-    colour: tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -60,16 +52,12 @@ class Plan:
 
 def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Any:
     """Box between two coordinates (m) along each axis."""
-    from manifold3d import Manifold
-
     size = (x[1] - x[0], y[1] - y[0], z[1] - z[0])
     return Manifold.cube(size).translate((x[0], y[0], z[0]))
 
 
 def cushion(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], round_by: float = 0.05) -> Any:
     """Box with rounded edges: the hull of eight spheres in its corners."""
-    from manifold3d import Manifold
-
     ball = Manifold.sphere(round_by, 12)
     inner = [(low + round_by, high - round_by) for low, high in (x, y, z)]
     return Manifold.batch_hull([ball.translate((a, b, c)) for a in inner[0] for b in inner[1] for c in inner[2]])
@@ -77,16 +65,12 @@ def cushion(x: tuple[float, float], y: tuple[float, float], z: tuple[float, floa
 
 def column(x: float, z: float, y: tuple[float, float], radius: float, top: float | None = None, sides: int = 32) -> Any:
     """Upright cylinder or, with another radius at the `top`, cone (m)."""
-    from manifold3d import Manifold
-
     along_z = Manifold.cylinder(y[1] - y[0], radius, radius if top is None else top, sides)
     return along_z.rotate((-90.0, 0.0, 0.0)).translate((x, y[0], z))
 
 
 def join(*parts: Any) -> Any:
     """Union of solids."""
-    from manifold3d import Manifold, OpType
-
     return Manifold.batch_boolean(list(parts), OpType.Add)
 
 
@@ -200,8 +184,6 @@ def _books(x: tuple[float, float], bottom: float, z: tuple[float, float], height
 
 
 def _plant(x: float, z: float) -> list[Item]:
-    from manifold3d import Manifold
-
     pot = column(x, z, (-_SINK, 0.36), 0.13, 0.18, 24)
     leaves = []
     for k in range(7):  # leaves lean outwards at the golden angle, the upper ones steeper
@@ -397,35 +379,6 @@ SCENES: dict[str, Callable[[], Plan]] = {
 """Name and maker of every bundled scene."""
 
 
-def glb(plan: Plan) -> bytes:
-    """The scene as a binary glTF file: one named node, mesh and material per object."""
-    import trimesh
-
-    scene = trimesh.Scene()
-    for item in plan.items:
-        solid = item.solid.to_mesh()
-        colour = [*(_linear(c) for c in item.colour), 1.0]
-        material = trimesh.visual.material.PBRMaterial(
-            name=item.name, baseColorFactor=colour, metallicFactor=0.0, roughnessFactor=0.9
-        )
-        # vertices are shared, normals left out: a viewer then shades flat, which suits boxes
-        shape = trimesh.Trimesh(
-            vertices=np.asarray(solid.vert_properties[:, :3], dtype=np.float64),
-            faces=np.asarray(solid.tri_verts, dtype=np.int64),
-            process=False,
-        )
-        shape.visual = trimesh.visual.TextureVisuals(material=material)
-        scene.add_geometry(shape, geom_name=item.name, node_name=item.name)
-    data: bytes = scene.export(file_type="glb", include_normals=False)
-    return data
-
-
-def _linear(channel: int) -> float:
-    """An sRGB channel as the linear value glTF wants; rounded, so that no library's last digit shows."""
-    c = channel / 255.0
-    return round(c / 12.92 if c <= 0.04045 else math.pow((c + 0.055) / 1.055, 2.4), 4)
-
-
 def toml(plan: Plan) -> str:
     """What goes beside the GLB file: floor height, unit, up axis, notes, places to start from and to go to."""
     x, z, heading = plan.start
@@ -453,7 +406,7 @@ def write(folder: Path = BUNDLED) -> list[Path]:
     paths = []
     for name, make in SCENES.items():
         plan = make()
-        for path, data in ((folder / f"{name}.glb", glb(plan)), (folder / f"{name}.toml", toml(plan).encode())):
+        for path, data in ((folder / f"{name}.glb", glb(plan.items)), (folder / f"{name}.toml", toml(plan).encode())):
             with atomic_write(path) as file:
                 file.write(data)
             paths.append(path)

@@ -1,20 +1,18 @@
-"""The floor: how high it lies, where a person can stand on it, and the way from one place to another."""
+"""Where on the floor a person can stand, and the way from one place to another."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
 
 from scenes.errors import UserError
-from scenes.mesh.mesh import Mesh
-
-if TYPE_CHECKING:
-    from scenes.world.scene import Scene
+from scenes.world.floor.polyline import resample
+from scenes.world.scene import Scene
 
 Place: TypeAlias = Sequence[float] | Sequence[int] | np.ndarray
 """A point of the floor: x and z, metres, world."""
@@ -35,61 +33,6 @@ SPACING = 0.05
 """Largest distance (m) between neighbouring points of a path."""
 
 _CELLS = 16_000_000  # largest map: 200 x 200 m in cells of 5 cm
-
-
-@dataclass(frozen=True)
-class Floor:
-    """Where soles stand.
-
-    Attributes:
-        height: y of the floor, metres.
-        found: True where it was found in the meshes, False where the user stated it.
-        area: up-facing area (m²) within 5 cm of it, the evidence; 0 where it was stated.
-    """
-
-    height: float
-    found: bool
-    area: float = 0.0
-
-
-def find_floor(meshes: Sequence[Mesh]) -> Floor:
-    """The lowest large horizontal level of some meshes.
-
-    A histogram over height of the area of all triangles that face up within 30 degrees (in a scan that faces inward
-    the floor does as well); of its peaks the lowest counts that has at least a third of the largest one's area, so
-    that neither a table nor a roof is taken for the floor; refined to the area-weighted median around it.
-
-    Raises:
-        UserError: nothing faces up.
-    """
-    heights, areas = _facing_up(meshes)
-    if areas.sum() <= 0:
-        names = ", ".join(f"'{mesh.name}'" for mesh in meshes) or "an empty scene"
-        raise UserError(f"found no floor in {names} because nothing faces up; state its height with floor = …")
-    width = 0.02
-    bins = np.floor((heights - heights.min()) / width).astype(int)
-    histogram = np.bincount(bins, weights=areas, minlength=int(bins.max()) + 1)
-    level = np.convolve(np.pad(histogram, 2), np.ones(5), mode="valid")  # area within 5 cm of each bin
-    first = int(np.argmax(level >= level.max() / 3))
-    peak = first + int(np.argmax(level[first : first + 6]))  # the slope of a noisy floor starts lower
-    near = np.abs(heights - (heights.min() + (peak + 0.5) * width)) <= 0.05
-    order = np.argsort(heights[near], kind="stable")
-    total = np.cumsum(areas[near][order])
-    middle = heights[near][order][np.searchsorted(total, total[-1] / 2)]
-    return Floor(height=float(middle), found=True, area=float(total[-1]))
-
-
-def _facing_up(meshes: Sequence[Mesh]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean height (m) and area (m²) of every triangle whose normal is within 30 degrees of up."""
-    heights, areas = [np.zeros(0)], [np.zeros(0)]
-    for mesh in meshes:
-        a, b, c = (mesh.triangles[:, k] for k in range(3))
-        normal = np.cross(b - a, c - a) / 2
-        area = np.linalg.norm(normal, axis=1)
-        up = normal[:, 1] > np.cos(np.radians(30.0)) * area
-        heights.append(mesh.triangles[up, :, 1].mean(axis=1))
-        areas.append(area[up])
-    return np.concatenate(heights), np.concatenate(areas)
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,19 +231,6 @@ class FreeArea:
         """Lowest and highest x, z (m) of the map's cells, ``[2, 2]``."""
         low = np.array(self.origin) - self.cell / 2
         return np.stack([low, low + np.array(self.clearance.shape) * self.cell])
-
-
-def resample(line: np.ndarray, spacing: float) -> np.ndarray:
-    """A polyline ``[n, d]`` with points at equal steps of at most `spacing` (m) along it, ends kept."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    steps = max(1, int(np.ceil(along[-1] / spacing - 1e-9)))
-    at = np.linspace(0.0, along[-1], steps + 1)
-    return np.stack([np.interp(at, along, column) for column in line.T], axis=1)
-
-
-def path_length(line: np.ndarray) -> float:
-    """Length (m) of a polyline ``[n, d]``."""
-    return float(np.linalg.norm(np.diff(np.asarray(line, dtype=np.float64), axis=0), axis=1).sum())
 
 
 def free_area(scene: Scene, radius: float = 0.3, height: float = 1.8, cell: float = 0.05) -> FreeArea:

@@ -1,4 +1,4 @@
-"""Windows: what is drawn, how often, and the same again."""
+"""Clips as features: what is drawn, how often, and the same again."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import pytest
 import torch
 
 from scenectl.data.augment import Augmentation
+from scenectl.data.clips import ClipSet, beginnings, census, overlapping, prepare
 from scenectl.data.features import GROUPS, features_to_joints
-from scenectl.training.dataset import Windows, census, prepare
 from scenes.errors import UserError
 from tests.scenectl.training.folder import walks
 
 PLAIN = Augmentation(mirror=False, bend=0, crouch=0, duck=0, sidestep=0, reach=0, repeat=0)
 
 
-def numbered(lengths: list[int], groups: list[str]) -> Windows:
+def numbered(lengths: list[int], groups: list[str]) -> ClipSet:
     """Clips whose rows say which clip and which row they are."""
     starts = torch.tensor([0, *torch.tensor(lengths).cumsum(0).tolist()])
     rows = torch.zeros(sum(lengths), 263)
@@ -25,7 +25,7 @@ def numbered(lengths: list[int], groups: list[str]) -> Windows:
         rows[starts[i] : starts[i + 1], 1] = torch.arange(length)
     n = len(lengths)
     ids = [str(i) for i in range(n)]
-    return Windows(rows, starts, [["a"]] * n, groups, ["cmu"] * n, ids, ["free"] * n, [True] * n)
+    return ClipSet(rows, starts, [["a"]] * n, groups, ["cmu"] * n, ids, ["free"] * n, [True] * n)
 
 
 def seeded(seed: int) -> torch.Generator:
@@ -137,3 +137,21 @@ def test_an_empty_split_and_damaged_preparations_are_answered(tmp_path: Path) ->
         with pytest.raises(UserError, match="delete it and run again") as error:
             prepare(folder, ["train"], PLAIN, cache, 0)
         assert "\n" not in str(error.value)
+
+
+def test_windows_of_any_length_hold_as_many_frames(tmp_path: Path) -> None:
+    data = numbered([40, 50], ["a", "b"])
+    shapes = {tuple(data.draw_any((8, 16, 32), 6, seeded(seed)).shape[:2]) for seed in range(20)}
+    assert shapes == {(6, 8), (3, 16), (1, 32)}
+    assert torch.equal(data.draw_any((8,), 4, seeded(1)), data.draw_any((8,), 4, seeded(1)))
+
+
+def test_beginnings_and_overlapping_windows_are_cut_from_whole_clips() -> None:
+    data = numbered([10, 30, 12], list("abc"))
+    first = beginnings(data, 12)
+    assert first[:, 0, :2].tolist() == [[1.0, 0.0], [2.0, 0.0]] and (first[..., 1].diff(dim=1) == 1).all()
+    assert len(beginnings(data, 10, most=2)) == 2
+    assert overlapping(data, 12)[:, 0, :2].tolist() == [[1.0, 0.0], [1.0, 6.0], [1.0, 12.0], [1.0, 18.0], [2.0, 0.0]]
+    for cut in (beginnings, overlapping):
+        with pytest.raises(UserError, match="500 frames"):
+            cut(data, 500)

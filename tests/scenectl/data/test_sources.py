@@ -12,11 +12,10 @@ import torch
 
 from scenectl.data.augment import Augmentation
 from scenectl.data.features import joints_to_features
+from scenectl.data.sources import HUMANML3D, is_humanml3d, load_clips
 from scenectl.networks.checkpoint import read_about
-from scenectl.training.command import train
-from scenectl.training.sources import HUMANML3D, is_humanml3d, windows
 from scenes.errors import UserError
-from tests.scenectl.generators.mscot.training.test_train import TINY
+from tests.scenectl.generators.mscot.training.test_train import TINY, train
 from tests.scenectl.small import walk
 from tests.scenectl.training.folder import walks
 
@@ -40,17 +39,17 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_humanml3d_folder_is_taken_as_it_comes(folder: Path, tmp_path: Path) -> None:
-    got = windows(folder, ["train"], Augmentation(), tmp_path / "cache", 0)
+    got = load_clips(folder, ["train"], Augmentation(), tmp_path / "cache", 0)
     assert got.ids == ["000001", "M000001~m", "000002"] and got.lengths.tolist() == [79, 79, 69]
     for i, name in enumerate(("000001", "M000001", "000002")):
         rows = np.load(folder / "new_joint_vecs" / f"{name}.npy")
         assert torch.equal(got.features[got.starts[i] : got.starts[i + 1]], torch.from_numpy(rows))
     assert got.captions == [["a person walks."]] * 3
     assert got.terms()[0].startswith("non-commercial")
-    plain = windows(folder, ["train"], Augmentation(mirror=False), tmp_path / "cache", 0)
+    plain = load_clips(folder, ["train"], Augmentation(mirror=False), tmp_path / "cache", 0)
     assert plain.ids == ["000001", "000002"] and not (tmp_path / "cache").exists()
     with pytest.raises(UserError, match="commercially"):
-        windows(folder, ["train"], None, tmp_path / "cache", 0, commercial_only=True)
+        load_clips(folder, ["train"], None, tmp_path / "cache", 0, commercial_only=True)
 
 
 def test_everything_that_a_folder_lacks_is_named(folder: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Training windows: features of clips and their augmented copies, drawn so that no kind of motion drowns."""
+"""Clips as features, with their augmented copies: loaded once, cut into windows, and measured on whole beginnings."""
 
 from __future__ import annotations
 
@@ -26,10 +26,13 @@ from scenes.errors import UserError
 _FORMAT = 7
 """Raised whenever prepared data must be made again."""
 
+_MOST = 2000
+"""Clips that a measure looks at, at most: more change no figure that a card prints."""
+
 
 @dataclass(frozen=True)
-class Windows:
-    """Clips as features, ready to be cut.
+class ClipSet:
+    """Clips as features, from which windows are drawn so that no kind of motion drowns.
 
     Attributes:
         features: all clips one after the other, ``[N, 263]``.
@@ -61,7 +64,7 @@ class Windows:
         names = {name: i for i, name in enumerate(sorted(set(self.groups)))}
         return torch.tensor([names[group] for group in self.groups])
 
-    def on(self, device: torch.device) -> Windows:
+    def on(self, device: torch.device) -> ClipSet:
         """The same with the features on another device, where windows are then cut; the rest stays on the CPU."""
         return replace(self, features=self.features.to(device))
 
@@ -103,6 +106,11 @@ class Windows:
         rows = (self.starts[clips] + offset)[:, None] + torch.arange(length)
         return self.features[rows.to(self.features.device)], clips
 
+    def draw_any(self, lengths: Sequence[int], batch: int, generator: torch.Generator) -> Float[Tensor, "B T 263"]:
+        """Random windows of one of several lengths, as many frames in all as `batch` windows of the first."""
+        length = lengths[int(torch.randint(len(lengths), (), generator=generator))]
+        return self.draw(length, max(1, batch * lengths[0] // length), generator)[0]
+
     def _weights(self, length: int) -> Float[Tensor, " C"]:
         room = (self.lengths - length + 1).clamp_min(0).float()
         if not bool((room > 0).any()):
@@ -120,7 +128,7 @@ def prepare(
     cache: Path,
     seed: int,
     commercial_only: bool = False,
-) -> Windows:
+) -> ClipSet:
     """Load, augment and convert a motion folder; kept under `cache` so that a resumed run starts at once."""
     stamp = (folder / "motions_20fps.npz").stat() if (folder / "motions_20fps.npz").is_file() else None
     key = json.dumps(
@@ -166,22 +174,55 @@ def _store(clips: Sequence[Clip], path: Path) -> None:
     temporary.replace(path)
 
 
-def _load(path: Path) -> Windows:
+def _load(path: Path) -> ClipSet:
     try:
         with safe_open(path, framework="pt") as file:
             about = json.loads(file.metadata()["about"])
             # A copy: rows are read at random for hours, and a mapped file's pages may be evicted in the meantime.
-            windows = Windows(file.get_tensor("features").clone(), file.get_tensor("starts").clone(), **about)
+            clips = ClipSet(file.get_tensor("features").clone(), file.get_tensor("starts").clone(), **about)
     except (SafetensorError, KeyError, TypeError, ValueError, OSError) as error:
         raise UserError(f"prepared data '{path}' is damaged; delete it and run again") from error
-    if windows.features.shape[-1] != FEATURES:
+    if clips.features.shape[-1] != FEATURES:
         raise UserError(f"prepared data '{path}' does not fit this version; delete it and run again")
-    return windows
+    return clips
 
 
-def census(windows: Windows, names: Sequence[str]) -> dict[str, int]:
-    """Frames by name, of which every clip has one (`windows.sources`, `windows.groups`)."""
+def census(clips: ClipSet, names: Sequence[str]) -> dict[str, int]:
+    """Frames by name, of which every clip has one (`clips.sources`, `clips.groups`)."""
     frames: Counter[str] = Counter()
-    for name, length in zip(names, windows.lengths.tolist(), strict=True):
+    for name, length in zip(names, clips.lengths.tolist(), strict=True):
         frames[name] += int(length)
     return dict(frames)
+
+
+def beginnings(data: ClipSet, frames: int, most: int = _MOST, seed: int = 0) -> Float[Tensor, "C T 263"]:
+    """The first `frames` frames of every clip that is long enough, or of `most` of them drawn at random.
+
+    Raises:
+        UserError: no clip is long enough.
+    """
+    clips = (data.lengths >= frames).nonzero()[:, 0]
+    if len(clips) > most:
+        clips = clips[torch.randperm(len(clips), generator=torch.Generator().manual_seed(seed))[:most]]
+    return _cut(data, data.starts[clips], frames)
+
+
+def overlapping(data: ClipSet, frames: int) -> Float[Tensor, "W T 263"]:
+    """All windows of `frames` frames that overlap by half.
+
+    Raises:
+        UserError: no clip is long enough.
+    """
+    starts = [
+        first + offset
+        for first, length in zip(data.starts[:-1].tolist(), data.lengths.tolist(), strict=True)
+        for offset in range(0, length - frames + 1, frames // 2)
+    ]
+    return _cut(data, torch.tensor(starts, dtype=torch.long), frames)
+
+
+def _cut(data: ClipSet, starts: Int[Tensor, " W"], frames: int) -> Float[Tensor, "W T 263"]:
+    if not len(starts):
+        raise UserError(f"no clip of the data has {frames} frames to measure a model on; add longer ones")
+    rows = starts[:, None] + torch.arange(frames)
+    return data.features[rows.to(data.features.device)]

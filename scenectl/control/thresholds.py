@@ -1,0 +1,97 @@
+"""Every number that guidance, refinement and solvers decide by, in one table, each with where it comes from.
+
+`scenectl bench thresholds` varies any of them by factors and prints what becomes of errors, bodies and passes; an
+entry names the bench, if there is one, that shows its effect on many more cases, or the publication that it is from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+BODY = "scenectl bench implausible"
+WALLS = "scenectl bench rooms"
+TARGETS = "scenectl bench keyframes"
+SOLVER = "scenectl bench control"
+PRICE = "scenectl bench prices"
+NOCEDAL = "Nocedal and Wright, Numerical Optimization, chapters 3 and 7"
+
+
+def _entry(value: float | int, unit: str, decides: str, source: str) -> Any:
+    return field(default=value, metadata={"unit": unit, "decides": decides, "source": source})
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """The table: `entries` lists names, values, units, what each decides, and the command or publication behind it."""
+
+    # A strained body: beside the motion before refinement.
+    stretch: float = _entry(0.005, "m", "mean bone error, in the mean over frames, that strains a body", BODY)
+    torn: float = _entry(0.02, "m", "mean bone error in the worst frame that strains a body", BODY)
+    lift: float = _entry(0.03, "m", "lift of a foot that stood that strains a body", BODY)
+    standing: float = _entry(0.07, "m", "height over the scene below which a foot stands", BODY)
+    still: float = _entry(0.02, "m/frame", "move of a foot below which it stands", BODY)
+    met_bones: float = _entry(3.0, "", "factor on `stretch` and `torn` for samples whose goals are met", BODY)
+    near_bones: float = _entry(4.0, "", "the same, up to which a search from met goals with body costs is tried", BODY)
+    near_feet: float = _entry(10.0, "", "factor on `lift` up to which such a search is tried", BODY)
+    solved: float = _entry(1e-3, "", "share of the first cost below which goals count as met", BODY)
+    led: float = _entry(0.2, "", "share of frames with pulling goals from which they lead a body along its way", WALLS)
+    # Costs of a body, and kernels of goals, where a body is strained.
+    held: float = _entry(0.05, "m", "delta of the Huber kernel of pulling goals at first", BODY)
+    far: float = _entry(0.3, "m", "delta of their Geman-McClure kernel where some are out of reach", BODY)
+    off: float = _entry(0.03, "m", "the same in the last search, without the body's costs", BODY)
+    near: float = _entry(0.15, "m", "distance from all targets from which their weight is raised", BODY)
+    pull: float = _entry(20.0, "", "factor on the weight of pulling goals then", BODY)
+    bones: float = _entry(60.0, "", "weight of `bone_length`", BODY)
+    limits: float = _entry(20.0, "", "weight of `joint_limits`", BODY)
+    smooth: float = _entry(20.0, "", "weight of `smoothness`", BODY)
+    skating: float = _entry(10.0, "", "weight of `foot_skating`", BODY)
+    swing: float = _entry(1.0, "m/s", "delta of its Geman-McClure kernel: faster feet swing", BODY)
+    clearance: float = _entry(3.0, "", "weight of `foot_clearance`", BODY)
+    foot: float = _entry(2e3, "1/m^2", "cost of lifting a foot that stood, each frame", BODY)
+    firm_foot: float = _entry(4e3, "1/m^2", "the same where the weight of goals is raised", BODY)
+    led_bones: float = _entry(10.0, "", "weight of `bone_length` where goals lead a body past walls", WALLS)
+    led_bone_error: float = _entry(0.05, "m", "tolerance of `bone_length` there", WALLS)
+    led_clearance: float = _entry(5.0, "", "weight of `foot_clearance` there", WALLS)
+    approach: int = _entry(40, "steps", "at most, of searches with a body's costs", BODY)
+    finish: int = _entry(20, "steps", "at most, of searches without them from there", BODY)
+    # Polishing.
+    reach: float = _entry(0.01, "m", "distance from targets at which polishing takes over from the decoder", TARGETS)
+    furthest: float = _entry(3.0, "", "longest move of a joint by polishing, over `reach`", TARGETS)
+    polish_stretch: float = _entry(0.5, "", "largest growth of a bone error by polishing, over `reach`", TARGETS)
+    polish_steps: float = _entry(20, "steps", "at most, of polishing", TARGETS)
+    spread_time: float = _entry(0.15, "s", "standard deviation over time of a smooth move", TARGETS)
+    spread_bones: float = _entry(3.0, "bones", "length along the limbs over which it falls to 1/e", TARGETS)
+    # Free starts.
+    headings: float = _entry(8, "", "directions that are tried for a start that is solved for", TARGETS)
+    heading_steps: float = _entry(30, "steps", "at most, of the search from the best of them", TARGETS)
+    # The choice of a solver, in passes (`Step.price`).
+    rows: float = _entry(2.4, "passes", "most that a Jacobian may cost for the dual form where all rows count", PRICE)
+    rows_sleeping: float = _entry(1.2, "passes", "the same where some rows are zero, and cost as they wake", PRICE)
+    rows_first: float = _entry(32, "passes", "the same at the start, from which a named `lm` goes on as L-BFGS", SOLVER)
+    rows_woken: float = _entry(2.4, "passes", "the same of rows that wake on the way", SOLVER)
+    product: float = _entry(0.75, "passes", "most that a product may cost for Gauss-Newton", PRICE)
+    newton_share: float = _entry(0.1, "", "share of the steps that are left to Gauss-Newton where it is chosen", SOLVER)
+    # Levenberg-Marquardt and Gauss-Newton.
+    damping: float = _entry(0.05, "", "first damping, over the mean diagonal of J J^T or the rows' mean square", SOLVER)
+    least_damping: float = _entry(1e-8, "", "least damping", "rounding")
+    good: float = _entry(0.1, "", "share of the cost that a step leaves at most for its Jacobian to be kept", SOLVER)
+    dual_rounds: float = _entry(6, "", "rounds of finding the active set, exactly", SOLVER)
+    cg_rounds: float = _entry(3, "", "rounds of finding it by conjugate gradients", SOLVER)
+    cg_steps: float = _entry(20, "steps", "at most, of conjugate gradients", SOLVER)
+    cg_tolerance: float = _entry(0.05, "", "share of the first residual at which they end", SOLVER)
+    # L-BFGS.
+    memory: float = _entry(12, "pairs", "memory of L-BFGS", NOCEDAL)
+    decrease: float = _entry(1e-4, "", "sufficient decrease (Wolfe, c1)", NOCEDAL)
+    curvature: float = _entry(0.9, "", "curvature (Wolfe, c2)", NOCEDAL)
+    trials: float = _entry(10, "", "trials of a line search", SOLVER)
+    first_move: float = _entry(0.1, "", "longest first step, in the value's space", SOLVER)
+
+
+THRESHOLDS = Thresholds()
+"""The values in use."""
+
+
+def entries(table: Thresholds = THRESHOLDS) -> list[dict[str, Any]]:
+    """Rows `name`, `value`, `unit`, `decides`, `source`."""
+    return [{"name": f.name, "value": getattr(table, f.name), **f.metadata} for f in fields(table)]

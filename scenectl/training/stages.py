@@ -1,0 +1,242 @@
+"""Stages as data: what a family trains, in which order, and what becomes of it; and a run of them on one data folder.
+
+A family states its plan once, as a `Training`. Nothing here knows a family: `command` runs any plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from torch import nn
+
+from scenectl.data.clips import ClipSet
+from scenectl.data.sources import load_clips
+from scenectl.networks.checkpoint import read_about, save_weights
+from scenectl.networks.text import TextEncoder, load_text_encoder
+from scenectl.training.card import write_card
+from scenectl.training.loop import Loop, LoopSettings
+from scenectl.training.placement import Placement
+from scenectl.training.recipe import Recipe
+from scenes.errors import UserError
+
+R = TypeVar("R", bound=Recipe)
+
+Figures = Mapping[str, Any]
+"""What was measured, by name, as JSON holds it."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """On what a stage trains, and where.
+
+    Attributes:
+        data: clips, on the device.
+        folder: holds the state, so that a killed training goes on.
+        seed: of initial weights and of what is drawn.
+        place: device and precision.
+    """
+
+    data: ClipSet
+    folder: Path
+    seed: int
+    place: Placement
+
+    def loop(self, module: nn.Module, settings: LoopSettings) -> Loop:
+        """The loop that trains a module, as far as it has come."""
+        return Loop(module, settings, self.folder, self.seed, self.place)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a training; the recipe's table of the same name holds its settings, with a `loop` among them.
+
+    Attributes:
+        name: of the stage, of its table, and of its folder in a run.
+        build: the module that it trains, untrained, for the recipe's `model`.
+        train: trains that module, or goes on, with these settings, as the job says.
+        needs: stages whose results it reads; those that a recipe leaves out count as finished.
+        reads_text: it needs the text encoder.
+        report: lines of the model card about the finished loop.
+    """
+
+    name: str
+    build: Callable[[Any], nn.Module]
+    train: Callable[[Run[Any], Any, Job], Loop]
+    needs: tuple[str, ...] = ()
+    reads_text: bool = False
+    report: Callable[[Loop], list[str]] = lambda loop: []
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a sweep compares variants of a recipe.
+
+    Attributes:
+        stage: the one that is trained for each variant.
+        columns: figures of a variant's run, whose stage is finished.
+        shortened: keys that change in a training of so many iterations, besides the length of every loop.
+    """
+
+    stage: str
+    columns: Callable[[Run[Any]], Figures]
+    shortened: Callable[[Any, int], Mapping[str, Any]] = lambda recipe, iterations: {}
+
+
+@dataclass(frozen=True)
+class Training(Generic[R]):
+    """A family's plan.
+
+    Attributes:
+        recipe: its class of recipes: the networks' configuration, and a table for each stage (None: left out).
+        stages: in the order in which "all" trains them.
+        parts: the networks of the exported weights by file name, made of finished stages, on the CPU.
+        manifest: writes the family's manifest into a folder, for its parts' files and what their headers say.
+        measure: figures of the finished networks on the train and test splits.
+        report: lines of the model card about those figures.
+        measured: further parts by file name, measured on the exported ones in a folder.
+        text: keys of the text encoder's name and width in the recipe; None where no stage reads text.
+        comparison: of variants; None where the family has no sweep.
+    """
+
+    recipe: type[R]
+    stages: tuple[Stage, ...]
+    parts: Mapping[str, Callable[[Run[R]], nn.Module]]
+    manifest: Callable[[Path, Mapping[str, Path], Mapping[str, Any]], None]
+    measure: Callable[[Run[R], Mapping[str, nn.Module], ClipSet, ClipSet], Figures] = lambda run, parts, train, test: {}
+    report: Callable[[Figures], list[str]] = lambda figures: []
+    measured: Mapping[str, Callable[[Run[R], Path], nn.Module]] = field(default_factory=dict)
+    text: tuple[str, str] | None = None
+    comparison: Comparison | None = None
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """What can be run by name: stages, "export", and what is measured on exported weights."""
+        return (*(stage.name for stage in self.stages), "export", *self.measured)
+
+
+class Run(Generic[R]):
+    """One recipe on one data folder.
+
+    Attributes:
+        recipe: with the text encoder that is really used.
+        out: folder of the run; each stage's state lies in a folder of its own inside.
+    """
+
+    def __init__(
+        self,
+        plan: Training[R],
+        recipe: R,
+        data: Path,
+        out: Path,
+        iterations: int | None = None,
+        text: str | None = None,
+        where: Placement | None = None,
+        cache: Path | None = None,
+    ) -> None:
+        """Set up a run; nothing is trained yet.
+
+        Args:
+            plan: of the family.
+            recipe: networks, data and settings.
+            data: folder of the motions.
+            out: folder of the run.
+            iterations: instead of the recipe's, for every stage.
+            text: text encoder instead of the recipe's; the networks take its width.
+            where: device and precision; the CPU in float32 by default.
+            cache: folder of prepared data, which runs can share; one inside `out` by default.
+        """
+        self.plan, self.recipe, self.data, self.out, self.iterations = plan, recipe, data, out, iterations
+        self.where, self.cache = where or Placement(), cache or out / "data"
+        self.stages = {stage.name: stage for stage in plan.stages if getattr(recipe, stage.name) is not None}
+        if text is not None:
+            if plan.text is None:
+                raise UserError(f"generator '{recipe.family}' reads no text; train it without a text encoder")
+            name, width = plan.text
+            self.recipe = recipe.varied({name: text, width: load_text_encoder(text).dim})
+
+    def clips(self, splits: Sequence[str], augmented: bool) -> ClipSet:
+        """Clips of some splits, with the recipe's augmentation or as they were recorded."""
+        recipe = self.recipe
+        augmentation = recipe.augmentation if augmented else None
+        return load_clips(self.data, splits, augmentation, self.cache, recipe.seed, recipe.commercial_only)
+
+    def encoder(self, device: str | None = None) -> TextEncoder:
+        """The text encoder, on the run's device or another; raises UserError where networks want another width."""
+        assert self.plan.text is not None
+        name, width = (self.recipe.value(key) for key in self.plan.text)
+        encoder = load_text_encoder(name, device or self.where.device.type)
+        if encoder.dim != width:
+            key = self.plan.text[1].rpartition(".")[2]
+            raise UserError(
+                f"text encoder '{name}' gives features of {encoder.dim} numbers, and {key} in the "
+                f"training config is {width}; set it to {encoder.dim}"
+            )
+        return encoder
+
+    def train(self, name: str) -> Loop | None:
+        """Train a stage, or go on; None where the recipe leaves it out.
+
+        Raises:
+            UserError: a stage that it needs is not finished.
+        """
+        if name not in self.stages:
+            return None
+        stage = self.stages[name]
+        for other in stage.needs:
+            if other in self.stages:
+                self._check(other)
+        settings = getattr(self.recipe, name)
+        if self.iterations is not None:
+            loop = settings.loop.model_copy(update={"iterations": self.iterations})
+            settings = settings.model_copy(update={"loop": loop})
+        data = self.clips(["train"], True).on(self.where.device)
+        return stage.train(self, settings, Job(data, self.out / name, self.recipe.seed, self.where))
+
+    def finished(self, name: str) -> Loop:
+        """The loop of a stage as it was left, on the CPU; its `averaged` is the result.
+
+        Raises:
+            UserError: the stage has not been trained, or its state is another network's.
+        """
+        self._check(name)
+        settings: LoopSettings = getattr(self.recipe, name).loop
+        loop = Loop(self.stages[name].build(self.recipe.model), settings, self.out / name, self.recipe.seed)
+        loop.averaged.eval()
+        return loop
+
+    def _check(self, name: str) -> None:
+        if not (self.out / name / "state.safetensors").is_file():
+            raise UserError(f"'{self.out / name}' holds no trained {name}; train that stage first")
+
+    def export(self) -> None:
+        """Write the averaged weights in half precision, their manifest, and the model card."""
+        networks = {part: make(self) for part, make in self.plan.parts.items()}
+        first = [part for part in networks if part in self.stages]
+        loops = {name: self.finished(name) for name in dict.fromkeys([*first, *self.stages])}
+        train, test, folder = self.clips(["train"], True), self.clips(["test"], False), self.out / "weights"
+        licence, credits = train.terms()
+        about = {"config": self.recipe.model.model_dump(mode="json"), "licence": licence, "credits": credits}
+        for part, module in networks.items():
+            save_weights(module, folder / f"{part}.safetensors", {**about, "part": part}, half=True)
+        self._describe(about)
+        for part in self.plan.measured:
+            self.measure(part)
+        figures = self.plan.measure(self, networks, train, test)
+        remarks = [line for name, loop in loops.items() for line in self.stages[name].report(loop)]
+        write_card(folder, self.recipe.name, train, loops, remarks, figures, self.plan.report(figures))
+
+    def measure(self, part: str) -> None:
+        """Measure a part on the exported ones, and write it beside them, in half precision."""
+        folder = self.out / "weights"
+        about = read_about(folder / f"{next(iter(self.plan.parts))}.safetensors")
+        module = self.plan.measured[part](self, folder)
+        save_weights(module, folder / f"{part}.safetensors", {**about, "part": part}, half=True)
+        self._describe(about)
+
+    def _describe(self, about: Mapping[str, Any]) -> None:
+        folder = self.out / "weights"
+        files = {part: folder / f"{part}.safetensors" for part in (*self.plan.parts, *self.plan.measured)}
+        self.plan.manifest(folder, {part: file for part, file in files.items() if file.is_file()}, about)

@@ -1,0 +1,99 @@
+"""Drawing the marks of goals: balls, rings, lines and capsules, whatever the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from objectives import Mark
+from scenectl.view.shapes import Hull, capsules, joined, ring, tube
+from scenectl.view.stage import GLOW, Colour, Finish, Stage
+
+GOAL: Colour = (200, 50, 43)
+WAY: Colour = (47, 125, 107)
+OBSTACLE: Colour = (122, 94, 168)
+LIFT = 0.02
+"""Metres by which what lies on the floor is raised, so that it shows."""
+_COLOURS: dict[str, Colour] = {"goal": GOAL, "way": WAY, "obstacle": OBSTACLE}
+_LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
+"""Radii (m) of lines and of the dot in a ring, and the least of a ring: seen from across a room."""
+_BRIGHT = Finish(ambient=0.4, diffuse=1.0, specular=0.0, smooth=True)
+_ROUND = Finish(ambient=0.0, diffuse=1.0, specular=0.0, smooth=True)
+
+
+def draw_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
+    """Draw marks; what moves is drawn where it is at each of some times (s), pale at first and solid at last.
+
+    Args:
+        stage: to draw on; what was drawn before stays, but for what moves.
+        marks: of goals.
+        floor: height (m) of what states none.
+        times: seconds.
+    """
+    for mark in (mark for mark in marks if mark.times is None):
+        _draw(stage, mark, places(mark, floor), opacity_of(mark))
+    draw_moving_marks(stage, marks, floor, times)
+
+
+def draw_moving_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
+    """Draw those marks that move, at some times (s), in place of where they were drawn before."""
+    for k, mark in enumerate(marks):
+        if mark.times is None:
+            continue
+        for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)):
+            now = int((mark.times - time).abs().argmin())
+            _draw(stage, mark, places(mark, floor)[now], share * opacity_of(mark), f"mark {k} {i}")
+
+
+def fading(count: int) -> list[float]:
+    """Opacities of one thing at several times, the last one solid."""
+    shares = np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1)
+    return [0.15 + 0.85 * float(share) ** 2 for share in shares]
+
+
+def places(mark: Mark, floor: float) -> np.ndarray:
+    """Points of a mark, ``[P, 3]`` or ``[T, P, 3]`` m; those without a height a little over the floor."""
+    points: np.ndarray = mark.points.detach().cpu().double().numpy().copy()
+    points[..., 1] = np.where(np.isnan(points[..., 1]), floor + LIFT, points[..., 1])
+    return points
+
+
+def opacity_of(mark: Mark) -> float:
+    """Of what stands still: an obstacle is looked through, a ball a little."""
+    return 0.5 if mark.role == "obstacle" and mark.shape != "line" else 0.85 if mark.shape == "ball" else 1.0
+
+
+def draw_line(stage: Stage, points: np.ndarray, colour: Colour, radius: float) -> None:
+    """A tube of a radius (m) along a polyline ``[P, 3]``; nothing where it has no length."""
+    kept = points[np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-4]]
+    if len(kept) > 1:
+        _put(stage, tube(kept, radius), colour, _BRIGHT)
+
+
+def _draw(stage: Stage, mark: Mark, points: np.ndarray, opacity: float, name: str = "") -> None:
+    colour = _COLOURS[mark.role]
+    if not np.isfinite(points).all() or len(points) == 0:
+        return
+    if mark.shape == "line":
+        draw_line(stage, points, colour, mark.radius or _LINE)
+    elif mark.shape == "ring":
+        _put(stage, joined([part for point in points for part in _ring(point, mark.radius)]), colour, GLOW, 1.0, name)
+    else:
+        _put(stage, _SOLIDS[mark.shape](points, max(mark.radius, _DOT)), colour, _ROUND, opacity, name)
+
+
+def _ring(centre: np.ndarray, radius: float) -> list[Hull]:
+    """A ring around a place and a dot at it."""
+    radius = max(radius, _LEAST)
+    return [ring(centre, 0.8 * radius, radius + _DOT), ring(centre, 0.0, _DOT, 24)]
+
+
+_SOLIDS: dict[str, Callable[[np.ndarray, float], Hull]] = {
+    "ball": lambda points, radius: capsules(points, points, np.full((len(points), 2), radius)),
+    "capsule": lambda points, radius: capsules(points[:1], points[1:2], np.full((1, 2), radius)),
+}
+
+
+def _put(stage: Stage, hull: Hull, colour: Colour, finish: Finish, opacity: float = 1.0, name: str = "") -> None:
+    stage.add_surface(hull.points, hull.faces, colour, finish, opacity, name, hull.normals)
