@@ -16,8 +16,8 @@ def train(
     stage: Annotated[
         str,
         typer.Argument(
-            help="all, a stage of the recipe's family (MSCoT: tokenizer, decoder, refiner, transformer), export, metric, "
-            "sweep or evaluator."
+            help="all, a stage of the recipe's family (MSCoT: tokenizer, decoder, refiner, transformer), export, "
+            "metric, sweep or evaluator."
         ),
     ],
     data: Data = DATA,
