@@ -55,14 +55,12 @@ class FeatureClip:
         features: at 20 fps, not normalised, ``[T, 263]``.
         captions: at least one.
         mirrored: whether it is a mirrored copy.
-        split: "train", "val" or "test".
     """
 
     id: str
     features: Float[Tensor, "T 263"]
     captions: tuple[Caption, ...]
     mirrored: bool
-    split: str
 
 
 class HumanML3D:
@@ -120,14 +118,14 @@ class HumanML3D:
                 f"HumanML3D folder '{self.folder}' has no motion and text for any of the ids in {split}.txt"
             )
         for name in present:
-            for clip in self._parts(name, split):
+            for clip in self._parts(name):
                 if min_frames <= len(clip.features) <= max_frames:
                     yield clip
 
     def _paths(self, name: str) -> tuple[Path, Path]:
         return self.folder / "new_joint_vecs" / f"{name}.npy", self.folder / "texts" / f"{name}.txt"
 
-    def _parts(self, name: str, split: str) -> Iterator[FeatureClip]:
+    def _parts(self, name: str) -> Iterator[FeatureClip]:
         motion, text = self._paths(name)
         features = torch.from_numpy(_rows(motion))
         parts: dict[tuple[float, float], list[Caption]] = {}
@@ -137,7 +135,7 @@ class HumanML3D:
             whole = captions[0].whole
             rows = features if whole else features[int(start * FPS) : int(end * FPS)]
             label = name if whole else f"{name}@{start:g}-{end:g}"
-            yield FeatureClip(label, rows, tuple(captions), name.startswith("M"), split)
+            yield FeatureClip(label, rows, tuple(captions), name.startswith("M"))
 
 
 def read_captions(path: str | Path) -> list[Caption]:
