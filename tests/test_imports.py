@@ -21,12 +21,45 @@ ALLOWED = {
     "scenectl": {"scenes", "objectives", "scenectl"},
 }
 ROOMS = {
-    "scenes": ["errors", "files", "kernels", "motion", "mesh", "sdf", "body", "world", "scene", "bundled"],
+    "scenes": [
+        "errors",
+        "validation",
+        "files",
+        "kernels",
+        "motion",
+        "mesh",
+        "sdf",
+        "body",
+        "world",
+        "scene",
+        "bundled",
+    ],
+    "scenectl": [
+        "version",
+        "threads",
+        "data",
+        "networks",
+        "training",
+        "generators",
+        "control",
+        "evaluation",
+        "measures",
+        "tasks",
+        "pipeline",
+        "export",
+        "view",
+        "api",
+        "bench",
+        "cli",
+    ],
 }
 """Rooms of a package, the lowest first: each imports itself and those before it."""
 COMPUTING = ("torch", "numpy", "scipy", "numba", "trimesh", "matplotlib")
 """What help and completion have no use for either."""
-HEAVY = ("pyvista", "vtk", "open3d", "igl", "skimage", "manifold3d", "transformers", "sentence_transformers")
+HEAVY = (
+    "pyvista", "vtkmodules", "vtk", "matplotlib", "open3d", "igl", "skimage", "manifold3d", "transformers",
+    "sentence_transformers",
+)  # fmt: skip
 
 
 def imported(path: Path) -> set[str]:

@@ -19,6 +19,10 @@ Generator = Annotated[str, typer.Option(help="A registered generator.")]
 Generators = Annotated[
     list[str] | None, typer.Option("--generator", help="A registered generator; repeatable. Default: mscot.")
 ]
+Shard = Annotated[
+    str | None,
+    typer.Option(metavar="I/N", help="Measure every N-th case, from the I-th on (from 0); N processes share --json."),
+]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
 Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; one by default.")]
 DATA = Path("../shared/data/motions")

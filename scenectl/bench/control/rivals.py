@@ -218,6 +218,11 @@ def _without_metric(generator: Generator, methods: Sequence[str]) -> tuple[Gener
     return generator, generator
 
 
+def possible(generator: Generator) -> tuple[str, ...]:
+    """The methods that run with a generator."""
+    return METHODS if isinstance(generator, MSCoT) else tuple(m for m in METHODS if m not in OF_TOKENS)
+
+
 def _best_step(ascent: Callable[[float], Way], cases: Sequence[Case]) -> float:
     def error(step: float) -> float:
         few = cases[:: max(1, len(cases) // 4)][:4]

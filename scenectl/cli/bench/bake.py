@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import out, say, show, write_json
+from scenectl.cli.bench.shared import alone, shown, wrote
+from scenectl.cli.console import say
 from scenectl.cli.options import Json
 
 
@@ -23,13 +24,14 @@ def bake(
     """Bakes beside those of other tools (extra 'peers'): CPU-seconds, memory, errors, contradictions."""
     from scenectl.bench.scenes.bake import bench_bake, plot
 
-    keep = None if json_file is None else lambda found: write_json(found, json_file)
-    result = bench_bake(mesh or (), tool or (), resolution, runs, timeout, progress=say, keep=keep)
+    result = alone(
+        lambda engine: bench_bake(mesh or (), tool or (), resolution, runs, timeout, engine), json_file, progress=say
+    )
     columns = (
         "mesh", "tool", "cpu_s", "wall_s", "peak_mb", "near_error_voxels", "impossible_flips", "far_error_voxels",
         "sign_errors", "base_mb", "triangles", "runs", "note",
     )  # fmt: skip
-    show(result, json_file, columns)
+    shown(result, json_file, columns)
     if plot_file is not None:
         plot(result, plot_file)
-        out.print(f"wrote {plot_file}")
+        wrote(plot_file)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import bars, show
+from scenectl.cli.bench.shared import alone, shown
 from scenectl.cli.options import Json, Seed
 
 
@@ -19,6 +19,4 @@ def building(
     """A furnished building of five storeys as a sparse grid: memory, time, errors against the oracle, queries."""
     from scenectl.bench.scenes.building import bench_building
 
-    with bars() as tell:
-        result = bench_building(spacing, width, seed, tell)
-    show(result, json_file)
+    shown(alone(lambda engine: bench_building(spacing, width, seed, engine), json_file), json_file)

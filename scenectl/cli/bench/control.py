@@ -7,15 +7,16 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import out, show
-from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Threads, Weights
+from scenectl.cli.bench.shared import measured, shown, wrote
+from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Shard, Threads, Weights
 
 
 def control(
     data: Data = DATA,
     clips: Annotated[int, typer.Option(min=1, help="Test clips for each joint and density.")] = 2,
-    method: Annotated[list[str] | None, typer.Option(help="A method; repeatable. Default: all six.")] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="A method; repeatable. Default: all possible.")
+    ] = None,
     joint: Annotated[list[str] | None, typer.Option(help="A joint; repeatable. Default: six of them.")] = None,
     density: Annotated[list[str] | None, typer.Option(help="1, 2, 5, 25% or 100%; repeatable. Default: all.")] = None,
     scene: Annotated[
@@ -27,23 +28,23 @@ def control(
     generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
+    shard: Shard = None,
     plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw error against seconds to this file.")] = None,
 ) -> None:
     """Ways of reaching keyframes on the same motions: the paper's, ControlMM's, Adam, L-BFGS and ours."""
     from scenectl.bench.control.control import bench_control, plot
     from scenectl.bench.control.keyframes import DENSITIES, JOINTS
-    from scenectl.bench.control.rivals import METHODS
 
-    chosen = (method or METHODS, joint or JOINTS, density or tuple(DENSITIES), scene or ("empty",))
+    chosen = (method or (), joint or JOINTS, density or tuple(DENSITIES), scene or ("empty",))
     result = measured(
-        lambda maker, tell: bench_control(maker, data, clips, *chosen, shortest, seed, tell),
-        weights, threads, generator,
+        lambda maker, engine: bench_control(maker, data, clips, *chosen, shortest, seed, engine),
+        weights, threads, generator, json_file, shard,
     )  # fmt: skip
     columns = (
         "method", "scene", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m",
         "deepest_penetration_m", "moved_m", "max_acceleration_m_per_frame2", "skating_ratio",
     )  # fmt: skip
-    show(result, json_file, columns)
+    shown(result, json_file, columns)
     if plot_file is not None:
         plot(result, plot_file)
-        out.print(f"wrote {plot_file}")
+        wrote(plot_file)

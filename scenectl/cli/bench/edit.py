@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import bars, show
+from scenectl.cli.bench.shared import alone, shown
 from scenectl.cli.options import Json, Seed
 
 
@@ -21,8 +21,6 @@ def edit(
     json_file: Json = None,
 ) -> None:
     """Objects of a scene moved, removed and added, against baking it anew: seconds, every bit equal."""
-    from scenectl.bench.scenes.edit import bench_edit
+    from scenectl.bench.scenes.assembly import bench_assembly
 
-    with bars() as tell:
-        result = bench_edit(mesh, resolution, rounds, seed, tell)
-    show(result, json_file)
+    shown(alone(lambda engine: bench_assembly(mesh, resolution, rounds, seed, engine), json_file), json_file)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import loaded
-from scenectl.cli.console import bars, out
+from scenectl.cli.bench.shared import engine_of, loaded, wrote
+from scenectl.cli.console import bars
 from scenectl.cli.options import Generator, Seed, Threads, Weights
 
 
@@ -28,7 +28,7 @@ def gallery(
     from scenectl.threads import threads as on_threads
 
     with on_threads(threads), bars() as tell:
-        page = draw_gallery(loaded(generator, weights), output, samples, seed, tell)
+        page = draw_gallery(loaded(generator, weights), output, samples, seed, engine_of(tell))
     if data is not None:
         draw_edits(data, output / "edits.png", seed)
-    out.print(f"wrote {page}")
+    wrote(page)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import cell, literal, out, show
+from scenectl.cli.bench.shared import measured, shown, wrote
+from scenectl.cli.console import cell, literal, out
 from scenectl.cli.options import DATA, Data, Generator, Json, Seed, Threads, Weights
 
 if TYPE_CHECKING:
@@ -37,13 +37,13 @@ def generator(
 
     judge, classifier = load_evaluator(evaluator, evaluator_folder), load_classifier()
     result = measured(
-        lambda maker, tell: bench_generator(maker, judge, classifier, data, clips, repeats, seed, tell),
-        weights, threads, generator,
+        lambda maker, engine: bench_generator(maker, judge, classifier, data, clips, repeats, seed, engine),
+        weights, threads, generator, json_file,
     )  # fmt: skip
     _show(result, json_file)
     if plot_file is not None:
         plot(result, plot_file)
-        out.print(f"wrote {plot_file}")
+        wrote(plot_file)
     if page is not None:
         _write_page(result, weights, plot_file, page)
 
@@ -52,7 +52,7 @@ def _show(result: Mapping[str, Any], json_file: Path | None) -> None:
     out.print(
         literal(f"evaluator: {result['evaluator']}; {result['clips']} test clips; never beside published figures")
     )
-    show(result, json_file)
+    shown(result, json_file)
     recall = result["kinds"]["generated"]["recall"]
     out.print(literal("recall by kind: " + ", ".join(f"{kind} {cell(share)}" for kind, share in recall.items())))
 

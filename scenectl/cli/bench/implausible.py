@@ -6,9 +6,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import show
-from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Threads, Weights
+from scenectl.cli.bench.shared import measured, shown
+from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Shard, Threads, Weights
 
 
 def implausible(
@@ -19,15 +18,17 @@ def implausible(
     generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
+    shard: Shard = None,
 ) -> None:
     """Targets out of reach, or noise: bones, feet, and whether the culprit is named, beside goals alone."""
     from scenectl.bench.control.implausible import bench_implausible
 
     result = measured(
-        lambda maker, tell: bench_implausible(maker, data, clips, seed, tell), weights, threads, generator
-    )
+        lambda maker, engine: bench_implausible(maker, data, clips, seed, engine),
+        weights, threads, generator, json_file, shard,
+    )  # fmt: skip
     columns = (
         "kind", "way", "frames", "ended", "bone_error_m", "bone_error_free_m", "lift_m", "named", "seconds",
         "diagnosis",
     )  # fmt: skip
-    show(result, json_file, columns)
+    shown(result, json_file, columns)

@@ -6,9 +6,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import show
-from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Threads, Weights
+from scenectl.cli.bench.shared import measured, shown
+from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Shard, Threads, Weights
 
 
 def keyframes(
@@ -20,12 +19,13 @@ def keyframes(
     generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
+    shard: Shard = None,
 ) -> None:
     """One joint at random keyframes of test motions, beside the same prompts without control."""
     from scenectl.bench.control.keyframes import bench_keyframes
 
     result = measured(
-        lambda maker, tell: bench_keyframes(maker, data, clips, number, seed, progress=tell),
-        weights, threads, generator,
+        lambda maker, engine: bench_keyframes(maker, data, clips, number, seed, engine=engine),
+        weights, threads, generator, json_file, shard,
     )  # fmt: skip
-    show(result, json_file)
+    shown(result, json_file)

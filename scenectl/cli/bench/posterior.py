@@ -6,9 +6,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import show
-from scenectl.cli.options import Generators, Json, Seed, Threads, Weights
+from scenectl.cli.bench.shared import measured, shown
+from scenectl.cli.options import Generators, Json, Seed, Shard, Threads, Weights
 
 
 def posterior(
@@ -18,11 +17,13 @@ def posterior(
     generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
+    shard: Shard = None,
 ) -> None:
     """The first-order token posterior against the exact one, scale by scale (Tables 12 and 13)."""
     from scenectl.bench.models.posterior import bench_posterior
 
     result = measured(
-        lambda maker, tell: bench_posterior(maker, generations, seed=seed, progress=tell), weights, threads, generator
-    )
-    show(result, json_file)
+        lambda maker, engine: bench_posterior(maker, generations, seed=seed, engine=engine),
+        weights, threads, generator, json_file, shard,
+    )  # fmt: skip
+    shown(result, json_file)

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import keep, out, table
-from scenectl.cli.options import Generator, Json, Seed, Threads, Weights
+from scenectl.cli.bench.shared import measured, shown, wrote
+from scenectl.cli.console import out, table
+from scenectl.cli.options import Generators, Json, Seed, Shard, Threads, Weights
 from scenes.errors import UserError, did_you_mean
 
 PROMPTS = Path("../shared/data/progmogen.json")
@@ -21,9 +21,10 @@ def progmogen(
     count: Annotated[int | None, typer.Option(min=1, help="Prompts of each task.")] = None,
     seed: Seed = 0,
     weights: Weights = "default",
-    generator: Generator = "mscot",
+    generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
+    shard: Shard = None,
 ) -> None:
     """ProgMoGen's HSI-1, HSI-2 and HSI-3, beside the same prompts without control."""
     from scenectl.bench.control.progmogen import COLUMNS, TASKS, bench_progmogen
@@ -35,11 +36,14 @@ def progmogen(
             raise UserError(f"unknown task '{name}'{did_you_mean(name, TASKS)}")
     counts = None if count is None else dict.fromkeys(chosen, count)
     result = measured(
-        lambda maker, tell: bench_progmogen(maker, prompts, chosen, counts, seed=seed, progress=tell),
-        weights, threads, generator,
+        lambda maker, engine: bench_progmogen(maker, prompts, chosen, counts, seed=seed, engine=engine),
+        weights, threads, generator, json_file, shard,
     )  # fmt: skip
+    if "settings" not in result["summary"]:  # several generators, or cases that other shards measure
+        shown(result, json_file, ("task", "index", "controlled", "constraint_error_m", "success", "seconds"))
+        return
     lines = table("task", "method", "prompts", *(heading for _, heading in COLUMNS))
     for line in lines_of(result):
         lines.add_row(*line)
     out.print(lines)
-    keep(result, json_file)
+    wrote(json_file)

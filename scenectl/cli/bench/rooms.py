@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import show
-from scenectl.cli.options import Generators, Json, Seed, Threads, Weights
+from scenectl.cli.bench.shared import measured, shown
+from scenectl.cli.options import Generators, Json, Seed, Shard, Threads, Weights
 
 
 def rooms(
@@ -23,16 +22,17 @@ def rooms(
     generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
+    shard: Shard = None,
 ) -> None:
     """Random walks through rooms: target reached, nothing touched."""
     from scenectl.bench.control.rooms import bench_rooms
 
     result = measured(
-        lambda maker, tell: bench_rooms(maker, mesh or (), tasks, seed, samples, progress=tell),
-        weights, threads, generator,
+        lambda maker, engine: bench_rooms(maker, mesh or (), tasks, seed, samples, engine=engine),
+        weights, threads, generator, json_file, shard,
     )  # fmt: skip
     columns = (
         "mesh", "task", "reached", "clean", "missed_m", "deepest_penetration_m", "deepest_floor_penetration_m",
         "skating_ratio", "seconds",
     )  # fmt: skip
-    show(result, json_file, columns)
+    shown(result, json_file, columns)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import show
+from scenectl.cli.bench.shared import measured, shown
 from scenectl.cli.options import DATA, Data, Generator, Json, Threads, Weights
 
 
@@ -17,4 +16,7 @@ def tokenizer(
     """Reconstruction of test motions by the tokenizer."""
     from scenectl.bench.models.tokenizer import bench_tokenizer
 
-    show(measured(lambda maker, tell: bench_tokenizer(maker, data), weights, threads, generator), json_file)
+    result = measured(
+        lambda maker, engine: bench_tokenizer(maker, data, engine=engine), weights, threads, generator, json_file
+    )
+    shown(result, json_file)
