@@ -17,7 +17,7 @@ PRICE = "scenectl bench prices"
 NOCEDAL = "Nocedal and Wright, Numerical Optimization, chapters 3 and 7"
 
 
-def _entry(value: float, unit: str, decides: str, source: str) -> Any:
+def _entry(value: float | int, unit: str, decides: str, source: str) -> Any:
     return field(default=value, metadata={"unit": unit, "decides": decides, "source": source})
 
 
@@ -53,8 +53,8 @@ class Thresholds:
     led_bones: float = _entry(10.0, "", "weight of `bone_length` where goals lead a body past walls", WALLS)
     led_bone_error: float = _entry(0.05, "m", "tolerance of `bone_length` there", WALLS)
     led_clearance: float = _entry(5.0, "", "weight of `foot_clearance` there", WALLS)
-    approach: float = _entry(40, "steps", "at most, of searches with a body's costs", BODY)
-    finish: float = _entry(20, "steps", "at most, of searches without them from there", BODY)
+    approach: int = _entry(40, "steps", "at most, of searches with a body's costs", BODY)
+    finish: int = _entry(20, "steps", "at most, of searches without them from there", BODY)
     # Polishing.
     reach: float = _entry(0.01, "m", "distance from targets at which polishing takes over from the decoder", TARGETS)
     furthest: float = _entry(3.0, "", "longest move of a joint by polishing, over `reach`", TARGETS)

@@ -94,14 +94,12 @@ class HumanML3D:
             raise UserError(f"HumanML3D folder '{self.folder}' has no {split}.txt, the list of ids of that split")
         return path.read_text(encoding="utf-8").split()
 
-    def missing(self, split: str) -> list[str]:
-        """Listed ids without a motion or a text; copies without AMASS's HumanAct12 part lack some thousand."""
-        return [name for name in self.ids(split) if not all(path.is_file() for path in self._paths(name))]
-
     def clips(
         self, split: str, min_frames: int = 40, max_frames: int = 199, mirrored: bool = True
     ) -> Iterator[FeatureClip]:
-        """Clips of a split in the order of its list; ids without files are passed over (`missing` lists them).
+        """Clips of a split in the order of its list; ids without files are passed over.
+
+        Copies without AMASS's HumanAct12 part lack some thousand.
 
         Captions of the same part share a clip, in the order of the file. The default lengths are those of the
         data set's own evaluation, 40 <= frames < 200 (protocol 3.4).
