@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from scenes.errors import UserError
 from scenes.kernels import blocks as kernels
-from scenes.kernels import parts, rays, regions
+from scenes.kernels import parts, rays, regions, spans
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
@@ -158,7 +159,8 @@ class _Builder:
             for level in range(LEVELS):
                 kernels.adopted(index, cells[level], level + 1, tuple(blocks), blocks[level])
         for level in range(LEVELS):
-            self._join(index, cells[level], level + 1, blocks[level])
+            join = partial(kernels.joined, index, cells[level], level + 1, blocks[level])
+            spans(join, len(blocks[level]), _CHUNK, self.threads)
         origin = np.array(self.lattice.origin)
         return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.rule.beyond)
 
@@ -172,12 +174,6 @@ class _Builder:
                 at += len(piece)
             column.values[level].clear()
         return values
-
-    def _join(self, index: np.ndarray, cells: np.ndarray, level: int, values: np.ndarray) -> None:
-        def chunk(i: int) -> None:
-            kernels.joined(index, cells, level, values, _CHUNK * i, min(_CHUNK * (i + 1), len(values)))
-
-        parts(chunk, -(-len(values) // _CHUNK), self.threads)
 
     def _column(self, column: int) -> _Found:
         """The bricks with the same x and z."""
