@@ -180,7 +180,7 @@ class ProxyBody:
             if steps > 1:  # else the spheres of its joints cover it
                 near, far = {c.a: 1 - 1 / steps, c.b: 1 / steps}, {c.a: 1 / steps, c.b: 1 - 1 / steps}
                 parts.append((near, far, c.radius, c.b))
-        weights = torch.stack([self._weights([part[end] for part in parts]) for end in (0, 1)])
+        weights = torch.stack([self._weights([part[0] for part in parts]), self._weights([part[1] for part in parts])])
         return weights, _doubles([part[2] for part in parts]), [part[3] for part in parts]
 
     def _steps(self, capsule: BodyCapsule) -> int:
