@@ -41,10 +41,10 @@ def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
         raise
 
 
-def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:
+def read_arrays(path: str | Path, what: str, build: Callable[[Any], T], remedy: str = "bake again") -> T:
     """``build(arrays)`` of an .npz file; raises UserError where there is none or `build` finds it unsound.
 
-    `what` names the content, such as "distance grid". Nothing that is pickled is read.
+    `what` names the content, such as "distance grid", and `remedy` says what to do. Nothing that is pickled is read.
     """
     path = Path(path)
     if not path.is_file():
@@ -53,7 +53,7 @@ def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:
         with np.load(path, allow_pickle=False) as data:
             return build(data)
     except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); bake again") from error
+        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); {remedy}") from error
 
 
 def clear_stale(folder: Path, seconds: float = 3600.0) -> None:
