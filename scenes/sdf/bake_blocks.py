@@ -24,7 +24,7 @@ from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
 from scenes.sdf.free_space import Rule, decide
 from scenes.sdf.lattice import Lattice
-from scenes.sdf.settings import Cache, FreeSpace, check_free_space, check_metres, check_spacing
+from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import grown, sign
 
 BAND = 2.0
@@ -72,22 +72,19 @@ def bake_blocks(
         UserError: numbers out of range, an unknown rule, a mesh without area or too large for its spacing, or a seed
             point outside the padded bounds or on a surface.
     """
-    check_metres("padding", padding, 100)
+    asked = BakeSettings(free_space=free_space, padding=padding, spacing=spacing)
     for what, number in (("tolerance", tolerance), ("slope", slope)):
         if not 0 <= number <= 1:
             raise UserError(f"bake {what} is {number}; give 0 to 1")
-    free_space = check_free_space(free_space)
-    lattice = coarse_lattice(mesh, float(spacing), float(padding))
-    facts = (FORMAT, "blocks", mesh.digest, mesh.name, lattice, free_space, float(tolerance), float(slope))
+    lattice, rule = coarse_lattice(mesh, float(spacing), float(padding)), asked.free_space
+    how = (float(tolerance), float(slope))
+    facts = (FORMAT, "blocks", mesh.digest, mesh.name, lattice, rule, *how)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
-    return cached(
-        cache, key, SdfBlocks, lambda: _baked(mesh, lattice, free_space, float(tolerance), float(slope), threads)
-    )
+    return cached(cache, key, SdfBlocks, lambda: _baked(mesh, lattice, rule, *how, threads))
 
 
 def coarse_lattice(mesh: Mesh, spacing: float, padding: float) -> Lattice:
     """The coarse nodes around a mesh; raises UserError where there would be too many."""
-    check_spacing(spacing)
     size = np.ptp(mesh.bounds, axis=0) + 2 * padding
     nodes = float(np.prod(np.ceil(size / (CELL * spacing)) + 1))
     if nodes > LARGEST:
