@@ -23,6 +23,7 @@ ALLOWED = {
 ROOMS = {
     "scenes": [
         "errors",
+        "numbers",
         "validation",
         "files",
         "kernels",
