@@ -6,11 +6,12 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextvars import copy_context
 
 import pytest
 import torch
 
-from scenectl.threads import threads
+from scenectl.threads import threads, use
 
 
 @pytest.fixture(autouse=True)
@@ -70,3 +71,18 @@ main()"""
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**plain, **given}
     )
     assert done.stdout.split()[-2:] == [found, "False"]
+
+
+def test_what_a_user_sets_once_holds_where_nothing_is_asked_for() -> None:
+    def seen() -> tuple[int, int, int]:
+        use(3)
+        with threads() as inner, threads(2) as other:
+            pass
+        return inner, other, torch.get_num_threads()
+
+    assert copy_context().run(seen) == (3, 2, 3)  # in a context of its own, so that other tests see none of it
+
+
+def test_a_decorated_function_runs_on_one_thread_at_every_call() -> None:
+    count = threads()(torch.get_num_threads)
+    assert [count(), count()] == [1, 1] and torch.get_num_threads() == 4
