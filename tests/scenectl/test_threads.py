@@ -7,10 +7,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextvars import copy_context
+from types import ModuleType
+from typing import Any
 
 import pytest
 import torch
 
+import scenectl as sc
 from scenectl.threads import threads, use
 
 
@@ -46,6 +49,19 @@ def test_a_failure_puts_them_back() -> None:
     assert torch.get_num_threads() == 4
     with threads() as number:
         assert number == 1
+
+
+@pytest.mark.parametrize(("asked", "found"), [(None, 1), (2, 2)])
+def test_a_run_generates_on_one_thread_or_those_of_its_task(tiny: ModuleType, asked: int | None, found: int) -> None:
+    seen = []
+
+    class Watched(tiny.TinyGenerator):  # type: ignore[misc, name-defined]
+        def generate(self, *words: Any, **settings: Any) -> Any:
+            seen.append(torch.get_num_threads())
+            return super().generate(*words, **settings)
+
+    sc.run(sc.Task(prompt="a person walks", seconds=3.0, generator={"threads": asked}), generator=Watched())
+    assert seen == [found] and torch.get_num_threads() == 4
 
 
 @pytest.mark.parametrize("first", ["import torch, scenectl", "import scenectl, torch"])
