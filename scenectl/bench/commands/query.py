@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import bars, show
-from scenectl.cli.options import Json, Seed
+from scenectl.console.console import bars, show
+from scenectl.console.options import Json, Seed
 
 
 def query(

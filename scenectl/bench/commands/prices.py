@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured
-from scenectl.cli.console import show
-from scenectl.cli.options import Generators, Json, Seed, Threads, Weights
+from scenectl.bench.commands.shared import measured
+from scenectl.console.console import show
+from scenectl.console.options import Generators, Json, Seed, Threads, Weights
 
 
 def prices(
