@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from scenectl.generators.base import Progress
+from scenectl.threads import threads
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
@@ -103,10 +104,8 @@ def _measured(
     """Rows of points, pattern, method, seconds, measured in this process."""
     mesh = bundled(scene).meshes[0]
     grid = bake(mesh, lattice=Lattice.cube(mesh.bounds, resolution, padding=0.1)).grid
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        rows = []
+    rows = []
+    with threads(1):
         for count, pattern in ((c, p) for c in counts for p in patterns):
             points = make_points(grid, count, pattern, seed)
             seconds = _medians(methods(grid, mesh, points), repeats, calls=max(1, 200_000 // count))
@@ -114,8 +113,6 @@ def _measured(
                 {"points": count, "pattern": pattern, "method": method, "seconds": value}
                 for method, value in seconds.items()
             ]
-    finally:
-        torch.set_num_threads(threads)
     return rows
 
 

@@ -35,6 +35,7 @@ from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.generators.mscot.training.refiner import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenectl.threads import use
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Variant, load_recipe
 from scenectl.training.stages import Job, Run
@@ -152,7 +153,7 @@ class Bench:
 def bench_ablations(bench: Bench, names: Sequence[str], progress: Progress) -> list[Path]:
     """Run some of `ABLATIONS`; returns the files written."""
     if bench.threads is not None:
-        torch.set_num_threads(bench.threads)
+        use(bench.threads)
     written = []
     for name in names:
         written += ABLATIONS[name](bench, lambda what, done, name=name: progress(f"{name}: {what}", done))  # type: ignore[misc]

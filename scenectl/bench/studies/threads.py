@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scenectl.bench.scenes.query import machine
 from scenectl.generators.base import Progress
 from scenectl.tasks.task import load_task
 from scenes.errors import UserError
@@ -78,7 +79,7 @@ def bench_threads(
             }
             for name, worker in workers.items()
         ]
-    return {"summary": {"cores": cores, "processor": _processor(), "limit_s": limit, **_summary(rows)}, "rows": rows}
+    return {"summary": {**machine(), "limit_s": limit, **_summary(rows)}, "rows": rows}
 
 
 @dataclass
@@ -183,12 +184,3 @@ def _ratio(times: list[float], others: list[float]) -> float | None:
 
 def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {row["setting"]: {key: row[key] for key in ("quiet_s", "busy_s", "busy_over_quiet")} for row in rows}
-
-
-def _processor() -> str:
-    """The processor's name, where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return "unknown"
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")

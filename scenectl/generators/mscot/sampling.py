@@ -25,6 +25,7 @@ from scenectl.generators.spec import check_request
 from scenectl.generators.windows import Windows
 from scenectl.networks.precision import cpu_has_bfloat16
 from scenectl.networks.text import TextFeatures
+from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
 
@@ -82,6 +83,7 @@ class MSCoT:
     def licence(self) -> str:
         return self.bundle.licence
 
+    @threads()
     def generate(
         self,
         prompts: Prompts | str,
@@ -103,6 +105,7 @@ class MSCoT:
         state = _State(frames, covering(tokens_for(frames)), start, [], [], [])
         return self._made(state, text, guide, samples, seed, progress)
 
+    @threads()
     def edit(
         self,
         motion: Motion,
