@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scenectl.cli.clock import importing
 from scenectl.cli.console import err, out
 from scenes.errors import UserError
 
@@ -28,7 +29,8 @@ def bake(
     png: Annotated[Path | None, typer.Option(help="Draw the scene with a slice of its distances.")] = None,
 ) -> None:
     """Bake a scene's signed distances and say what was decided."""
-    from scenes.world.named import named_scene
+    with importing():
+        from scenes.world.named import named_scene
 
     begin = time.perf_counter()
     found = named_scene(scene, unit, up, resolution, _free_space(free_space), thickness, spacing)

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from scenectl.cli.clock import importing
+from scenectl.cli.console import out
 from scenectl.cli.options import AllowCode, allow
 
 
@@ -15,9 +17,9 @@ def check(
     allow_code: AllowCode = None,
 ) -> None:
     """Validate tasks without a model: keys, scene, start, path, goals, times and places."""
-    from scenectl.cli.console import out
-    from scenectl.tasks.task import load_task
-    from scenes.world.floor.polyline import path_length
+    with importing():
+        from scenectl.tasks.task import load_task
+        from scenes.world.floor.polyline import path_length
 
     allow(allow_code)
     for path in tasks:

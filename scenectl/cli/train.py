@@ -14,7 +14,11 @@ from scenes.errors import UserError, did_you_mean
 
 def train(
     stage: Annotated[
-        str, typer.Argument(help="all, tokenizer, decoder, refiner, transformer, export, metric, sweep or evaluator.")
+        str,
+        typer.Argument(
+            help="all, a stage of the recipe's family (MSCoT: tokenizer, decoder, refiner, transformer), export, "
+            "metric, sweep or evaluator."
+        ),
     ],
     data: Data = DATA,
     config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",

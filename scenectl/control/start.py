@@ -7,13 +7,13 @@ moves what they make.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from objectives import Context, Objective
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
@@ -42,25 +42,31 @@ class FreeStart:
         return replace(motion, joints=_moved(motion.joints, moves, self.pivot))
 
     def fit(
-        self,
-        motion: Motion,
-        cost: Callable[[Motion], Float[Tensor, " S"]],
-        thresholds: Thresholds = THRESHOLDS,
+        self, motion: Motion, objective: Objective, context: Context, thresholds: Thresholds = THRESHOLDS
     ) -> Float[Tensor, "S 3"]:
-        """The moves of least cost for a motion: searches from several headings in one batch, as costs have several
-        valleys in yaw.
+        """The moves of least cost for a motion.
+
+        Costs have several valleys in yaw: short searches from several headings for what pulls, all in one batch, of
+        which each sample's best by all goals is where a search for all goals begins.
         """
         samples, headings = len(motion.joints), int(thresholds.headings)
-        joints, valid = motion.joints.detach().repeat(headings, 1, 1, 1), motion.valid.repeat(headings, 1)
-        turned = replace(motion, joints=joints, valid=valid)
+        motion = replace(motion, joints=motion.joints.detach())
+        joints, valid = motion.joints.repeat(headings, 1, 1, 1), motion.valid.repeat(headings, 1)
+        many = replace(motion, joints=joints, valid=valid)
         begin = joints.new_zeros(headings * samples, UNKNOWNS)
         yaws = torch.arange(headings, device=joints.device).repeat_interleave(samples)
         begin[:, -1] = yaws.to(begin) * (2 * torch.pi / headings)
-        settings = _FIT.model_copy(update={"iterations": int(thresholds.heading_steps)})
-        found = minimise(Problem(lambda moves: cost(self.moved(turned, moves)), begin), settings, thresholds)
-        best = found.cost.unflatten(0, (headings, samples)).argmin(0)
-        moves: Tensor = found.value.unflatten(0, (headings, samples))[best, torch.arange(samples, device=best.device)]
-        return moves
+
+        def least(goals: Objective, still: Motion, begin: Float[Tensor, "R 3"], steps: float) -> Float[Tensor, "R 3"]:
+            problem = Problem(lambda moves: goals.cost(self.moved(still, moves), context), begin)
+            return minimise(problem, _FIT.model_copy(update={"iterations": int(steps)}), thresholds).value
+
+        pulling = Objective(tuple(t for t in objective.counted if t.spec.pulls))
+        turned = least(pulling if pulling.terms else objective, many, begin, thresholds.heading_steps)
+        with torch.no_grad():
+            best = objective.cost(self.moved(many, turned), context).unflatten(0, (headings, samples)).argmin(0)
+        chosen = turned.unflatten(0, (headings, samples))[best, torch.arange(samples, device=best.device)]
+        return least(objective, motion, chosen, thresholds.start_steps)
 
 
 @dataclass(frozen=True)

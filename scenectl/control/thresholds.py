@@ -13,7 +13,6 @@ BODY = "scenectl bench implausible"
 WALLS = "scenectl bench rooms"
 TARGETS = "scenectl bench keyframes"
 SOLVER = "scenectl bench control"
-PRICE = "scenectl bench prices"
 NOCEDAL = "Nocedal and Wright, Numerical Optimization, chapters 3 and 7"
 
 
@@ -64,13 +63,14 @@ class Thresholds:
     spread_bones: float = _entry(3.0, "bones", "length along the limbs over which it falls to 1/e", TARGETS)
     # Free starts.
     headings: float = _entry(8, "", "directions that are tried for a start that is solved for", TARGETS)
-    heading_steps: float = _entry(30, "steps", "at most, of the search from the best of them", TARGETS)
-    # The choice of a solver, in passes (`Step.price`).
-    rows: float = _entry(2.4, "passes", "most that a Jacobian may cost for the dual form where all rows count", PRICE)
-    rows_sleeping: float = _entry(1.2, "passes", "the same where some rows are zero, and cost as they wake", PRICE)
-    rows_first: float = _entry(32, "passes", "the same at the start, from which a named `lm` goes on as L-BFGS", SOLVER)
-    rows_woken: float = _entry(2.4, "passes", "the same of rows that wake on the way", SOLVER)
-    product: float = _entry(0.75, "passes", "most that a product may cost for Gauss-Newton", PRICE)
+    heading_steps: float = _entry(4, "steps", "at most, of the search from each of them", TARGETS)
+    start_steps: float = _entry(30, "steps", "at most, of the search from the best of them", TARGETS)
+    # The choice of a solver, in passes (`Step.price`, from `scenectl bench prices`).
+    rows: float = _entry(7.2, "passes", "most that a Jacobian may cost for the dual form where all rows count", SOLVER)
+    rows_sleeping: float = _entry(3.6, "passes", "the same where some rows are zero, and cost as they wake", SOLVER)
+    rows_first: float = _entry(96, "passes", "the same at the start, from which a named `lm` goes on as L-BFGS", SOLVER)
+    rows_woken: float = _entry(7.2, "passes", "the same of rows that wake on the way", SOLVER)
+    product: float = _entry(1.0, "passes", "most that a product may cost for Gauss-Newton", SOLVER)
     newton_share: float = _entry(0.1, "", "share of the steps that are left to Gauss-Newton where it is chosen", SOLVER)
     # Levenberg-Marquardt and Gauss-Newton.
     damping: float = _entry(0.05, "", "first damping, over the mean diagonal of J J^T or the rows' mean square", SOLVER)

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from scenectl.generators.registry import find
 from scenes.errors import UserError, did_you_mean
+from scenes.validation import sentence
 
 if TYPE_CHECKING:
     from scenectl.generators.base import Generator
@@ -42,8 +43,7 @@ def load_generator(
     try:
         settings = family.settings(**sampling)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise UserError(f"generator '{name}': {first['loc'][0]}: {first['msg'].lower()}") from error
+        raise UserError(f"generator '{name}': {sentence(error, sampling, family.settings)}") from error
     if threads is not None:
         torch.set_num_threads(threads)
     return family.open(open_weights(family, weights), settings)

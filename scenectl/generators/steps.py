@@ -14,11 +14,17 @@ from scenectl.generators.base import Price
 from scenectl.networks.linearised import LinearisedDecoder
 from scenes.motion.motion import Motion
 
-AUTOGRAD = Price(product=1.0, row=1.0)
-"""Each product through autograd's record is a pass of its own."""
+AUTOGRAD = Price(product=1.3, row=0.5)
+"""Products through autograd's record: a jvp of 1.4 to 2 passes, a vjp of 1, rows one by one but of one record.
 
-LINEARISED = Price(product=0.5, row=0.05)
-"""Products of a linearised decoder, of which many go through in one batch."""
+Measured by `scenectl bench prices --threads 1` (row "refined, by autograd").
+"""
+
+LINEARISED = Price(product=0.6, row=0.15)
+"""Products of a linearised decoder, of which many go through in one batch: a jvp of 0.5 to 0.75, a vjp of 0.4 to 0.6.
+
+Measured by `scenectl bench prices --threads 1` (rows "guided" and "refined").
+"""
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,9 @@ def train(
         raise UserError("iterations can be given for a single stage only; name it instead of 'all'")
     if threads is not None:
         torch.set_num_threads(threads)
-    run = Run(plan, recipe, Path(data), out, iterations, text, place(device, recipe.precision))
+    if text is not None:
+        recipe = plan.with_text(recipe, text)
+    run = Run(plan, recipe, Path(data), out, iterations, place(device, recipe.precision))
     names = [*run.stages, "export"] if stage == "all" else [stage]
     is_humanml3d(Path(data))  # a wrong folder or encoder is found now rather than after hours
     if any(run.stages[name].reads_text for name in names if name in run.stages):

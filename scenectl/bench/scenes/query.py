@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import json
+import os
+import platform
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +45,7 @@ def bench_query(
     seed: int = 0,
     counts: tuple[int, ...] = COUNTS,
     patterns: tuple[str, ...] = ("body",),
+    processes: int = 1,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Every method on the same grid of ``resolution ** 3`` nodes and the same float32 points, one thread.
@@ -48,25 +54,60 @@ def bench_query(
     with the points' change of units (a user's points are metres) and its backward; `torch` is our formula in torch.
     `open3d` runs where it can be imported, and gives exact distances to the triangles instead, and no gradient.
 
+    With several `processes` each measures by itself, one after the other, in a fresh interpreter.
+
     Returns:
-        `rows` of points, pattern, method, seconds, and `summary`: for each count the smallest of the patterns' ratios
-        of `grid_sample` to `scenectl`.
+        `rows` of process, points, pattern, method, seconds, and `summary`: the machine, and for each count the smallest
+        of the patterns' ratios of `grid_sample` to `scenectl`, of every process and the least of all.
     """
     for pattern in patterns:
         if pattern not in PATTERNS:
             raise UserError(f"unknown pattern '{pattern}'{did_you_mean(pattern, PATTERNS)}")
-    if repeats < 1 or min(counts) < 1:
-        raise UserError(f"{repeats} repeats of {counts} points; give 1 or more")
-    tell = progress or (lambda what, done: None)
+    if repeats < 1 or min(counts) < 1 or processes < 1:
+        raise UserError(f"{repeats} repeats of {counts} points in {processes} processes; give 1 or more")
+    bundled(scene)  # raises UserError for an unknown name
+    tell, rows = progress or (lambda what, done: None), []
+    asked = (scene, resolution, repeats, seed, counts, patterns)
+    for process in range(processes):
+        tell(f"process {process + 1}", process / processes)
+        found = _measured(*asked) if processes == 1 else _measured_elsewhere(asked)
+        rows += [{"process": process + 1, **row} for row in found]
+    summary: dict[str, Any] = {"scene": scene, "resolution": resolution, "repeats": repeats, **machine()}
+    summary |= {"processes": processes, "threads": 1}
+    for count in counts:
+        ratios = [min(_ratio(rows, count, p, 1 + process) for p in patterns) for process in range(processes)]
+        if processes > 1:
+            summary[f"speedup_{count}_each"] = ", ".join(f"{ratio:.2f}" for ratio in ratios)
+        summary[f"speedup_{count}"] = min(ratios)
+    return {"summary": summary, "rows": rows}
+
+
+def machine() -> dict[str, Any]:
+    """The processor by its name, what torch's own kernels use of it, how many there are, and how busy they were."""
+    named = [line for line in _lines(Path("/proc/cpuinfo")) if line.startswith("model name")]
+    return {
+        "processor": named[0].split(":", 1)[1].strip() if named else platform.processor() or platform.machine(),
+        "torch_kernels": torch.backends.cpu.get_cpu_capability(),
+        "processors": len(os.sched_getaffinity(0)),
+        "load": round(os.getloadavg()[0], 2),
+    }
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+
+
+def _measured(
+    scene: str, resolution: int, repeats: int, seed: int, counts: Sequence[int], patterns: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Rows of points, pattern, method, seconds, measured in this process."""
     mesh = bundled(scene).meshes[0]
-    tell(f"baking {scene}", 0.0)
     grid = bake(mesh, lattice=Lattice.cube(mesh.bounds, resolution, padding=0.1)).grid
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         rows = []
-        for i, (count, pattern) in enumerate((c, p) for c in counts for p in patterns):
-            tell(f"{count} points, {pattern}", (1 + i) / (1 + len(patterns) * len(counts)))
+        for count, pattern in ((c, p) for c in counts for p in patterns):
             points = make_points(grid, count, pattern, seed)
             seconds = _medians(methods(grid, mesh, points), repeats, calls=max(1, 200_000 // count))
             rows += [
@@ -75,9 +116,16 @@ def bench_query(
             ]
     finally:
         torch.set_num_threads(threads)
-    summary: dict[str, Any] = {"scene": scene, "resolution": resolution, "repeats": repeats, "threads": 1}
-    summary |= {f"speedup_{count}": min(_ratio(rows, count, pattern) for pattern in patterns) for count in counts}
-    return {"summary": summary, "rows": rows}
+    return rows
+
+
+def _measured_elsewhere(asked: tuple[Any, ...]) -> Any:
+    """The same from a process of its own."""
+    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps(asked)]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise UserError(f"a process could not measure: {(done.stderr.strip().splitlines() or ['killed'])[-1]}")
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def methods(grid: SdfGrid, mesh: Mesh, points: Tensor) -> dict[str, Method]:
@@ -172,8 +220,9 @@ def _medians(found: dict[str, Method], repeats: int, calls: int) -> dict[str, fl
     return {name: float(np.median(values)) for name, values in times.items()}
 
 
-def _ratio(rows: list[dict[str, Any]], count: int, pattern: str) -> float:
-    seconds = {r["method"]: r["seconds"] for r in rows if (r["points"], r["pattern"]) == (count, pattern)}
+def _ratio(rows: list[dict[str, Any]], count: int, pattern: str, process: int) -> float:
+    case = (process, count, pattern)
+    seconds = {r["method"]: r["seconds"] for r in rows if (r["process"], r["points"], r["pattern"]) == case}
     return float(seconds["grid_sample"] / seconds["scenectl"])
 
 
@@ -181,7 +230,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
     """Bars of nanoseconds a point, written to an image file."""
     from matplotlib.figure import Figure  # without pyplot, so that no window system is asked for
 
-    rows = result["rows"]
+    rows = [row for row in result["rows"] if row["process"] == 1]
     cases = list(dict.fromkeys((row["points"], row["pattern"]) for row in rows))
     names = list(dict.fromkeys(row["method"] for row in rows))
     figure = Figure(figsize=(8, 4.5), layout="constrained")
@@ -197,3 +246,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
     axes.legend()
     with atomic_write(path) as file:
         figure.savefig(file, format=path.suffix.lstrip(".") or "png", dpi=150)
+
+
+if __name__ == "__main__":
+    print(json.dumps(_measured(*json.loads(sys.argv[1]))))

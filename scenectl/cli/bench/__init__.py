@@ -8,7 +8,7 @@ from scenectl.cli.lazy import group
 
 BENCHES = (
     "rooms", "keyframes", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query", "building",
-    "posterior", "generator", "ablations", "gallery",
+    "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices", "thresholds",
 )  # fmt: skip
 
 app = typer.Typer(

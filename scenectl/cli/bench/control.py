@@ -14,9 +14,7 @@ from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Shard, Thre
 def control(
     data: Data = DATA,
     clips: Annotated[int, typer.Option(min=1, help="Test clips for each joint and density.")] = 2,
-    method: Annotated[
-        list[str] | None, typer.Option(help="A method; repeatable. Default: all possible.")
-    ] = None,
+    method: Annotated[list[str] | None, typer.Option(help="A method; repeatable. Default: all possible.")] = None,
     joint: Annotated[list[str] | None, typer.Option(help="A joint; repeatable. Default: six of them.")] = None,
     density: Annotated[list[str] | None, typer.Option(help="1, 2, 5, 25% or 100%; repeatable. Default: all.")] = None,
     scene: Annotated[

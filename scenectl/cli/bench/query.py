@@ -16,15 +16,17 @@ def query(
     resolution: Annotated[int, typer.Option(help="Nodes along every side.")] = 256,
     pattern: Annotated[list[str] | None, typer.Option(help="body or uniform; repeatable. Default: body.")] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Turns of each method; the median counts.")] = 15,
+    processes: Annotated[int, typer.Option(min=1, help="Fresh processes that measure, one after the other.")] = 1,
     seed: Seed = 0,
     json_file: Json = None,
     plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the rows to this PNG, PDF or SVG.")] = None,
 ) -> None:
     """Value and gradient at many points, one thread, beside torch's grid_sample and others."""
-    from scenectl.bench.scenes.query import bench_query, plot
+    from scenectl.bench.scenes.query import COUNTS, bench_query, plot
 
     with bars() as tell:
-        result = bench_query(scene, resolution, repeats, seed, patterns=tuple(pattern or ("body",)), progress=tell)
+        patterns = tuple(pattern or ("body",))
+        result = bench_query(scene, resolution, repeats, seed, COUNTS, patterns, processes, tell)
         if plot_file is not None:
             plot(result, plot_file)
     show(result, json_file)

@@ -22,10 +22,10 @@ from scenectl.generators.base import Price
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
 
-SMOOTH = Price(product=0.1, row=0.05)
-"""Products with a smooth move need no decoder, and many go through two small matrices at once.
+SMOOTH = Price(product=0.3, row=0.15)
+"""Products with a smooth move are two small matrices: 0.13 of its pass a row for 8 rows, and 0.3 for 48.
 
-Measured by `scenectl bench prices`.
+Measured by `scenectl bench prices --threads 1` (row "smooth").
 """
 
 

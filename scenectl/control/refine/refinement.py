@@ -53,8 +53,7 @@ def refine(
     """
     solver = solver or SolverSettings()
     if start is not None:
-        moves = start.fit(step.motion, lambda motion: objective.cost(motion, context), thresholds)
-        step = MovedStep.of(step, start, moves)
+        step = MovedStep.of(step, start, start.fit(step.motion, objective, context, thresholds))
     if solver.iterations == 0:
         return Refined(step.motion, step.motion, None)
     setting = Setting(step, objective, context, solver, _counter(solver, progress), thresholds)

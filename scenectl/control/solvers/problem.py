@@ -14,6 +14,7 @@ from torch import Tensor
 from scenectl.control.settings import SolverSettings
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Price
+from scenectl.generators.steps import LINEARISED
 
 Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
 """Costs of a batch of points, differentiable, each depending on its own point alone."""
@@ -53,10 +54,6 @@ class Linearisation(Protocol):
         ...
 
 
-_CHEAP = Price(product=0.5, row=0.05)
-"""Of problems that state none."""
-
-
 def _never(x: Float[Tensor, "S n"]) -> Bool[Tensor, " S"]:
     return torch.zeros_like(x[:, 0], dtype=torch.bool)
 
@@ -78,7 +75,7 @@ class Problem:
     start: Float[Tensor, "S n"]
     done: Callable[[Tensor], Bool[Tensor, " S"]] = _never
     linearise: Callable[[Float[Tensor, "S n"]], Linearisation] | None = None
-    price: Price = _CHEAP
+    price: Price = LINEARISED
     unit: float = 1.0
 
     @cached_property

@@ -13,13 +13,12 @@ from torch import Tensor
 from scenectl.data.features import FPS, features_to_joints
 from scenectl.generators.base import Draft, Guide, Progress, Step, silent
 from scenectl.generators.conditions import Conditions
-from scenectl.generators.mscot import SPEC
 from scenectl.generators.mscot.bundle import Bundle
 from scenectl.generators.mscot.keeping import Kept, covering, in_turns
 from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Posterior, Scale, clip_at, clipped, tilted
 from scenectl.generators.mscot.schedule import tokens_for
-from scenectl.generators.mscot.settings import Sampling
+from scenectl.generators.mscot.settings import SPEC, Sampling
 from scenectl.generators.mscot.step import step_of
 from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import check_request

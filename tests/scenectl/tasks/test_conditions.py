@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from objectives import Objective, Term
-from scenectl.generators.mscot import SPEC
+from scenectl.generators.mscot.settings import SPEC
 from scenectl.pipeline.generation import make
 from scenectl.tasks.conditions import conditions_of
 from scenectl.tasks.task import Task

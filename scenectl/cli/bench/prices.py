@@ -1,0 +1,29 @@
+"""`scenectl bench prices`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.bench.shared import measured
+from scenectl.cli.console import show
+from scenectl.cli.options import Generators, Json, Seed, Threads, Weights
+
+
+def prices(
+    repeats: Annotated[int, typer.Option(min=1, help="Of each product; medians count.")] = 9,
+    samples: Annotated[int, typer.Option(min=1, help="Motions at once.")] = 1,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    generator: Generators = None,
+    threads: Threads = None,
+    json_file: Json = None,
+) -> None:
+    """Products of every kind of step, in passes: what solvers are chosen by."""
+    from scenectl.bench.control.prices import bench_prices
+
+    result = measured(
+        lambda maker, tell: bench_prices(maker, repeats, samples, seed, tell), weights, threads, generator
+    )
+    show(result, json_file)

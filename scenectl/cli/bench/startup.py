@@ -1,0 +1,27 @@
+"""`scenectl bench startup`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenectl.cli.console import bars, show
+from scenectl.cli.options import Json
+
+TASKS = Path("examples/tasks")
+
+
+def startup(
+    check: Annotated[Path, typer.Option(help="The task to check, without a mesh.")] = TASKS / "barrier.toml",
+    run: Annotated[Path, typer.Option(help="The task to run.")] = TASKS / "walk_to_target.toml",
+    repeats: Annotated[int, typer.Option(min=1, help="Processes of each; the median counts.")] = 7,
+    json_file: Json = None,
+) -> None:
+    """Fresh processes of help, completion, check and run, beside `import torch`."""
+    from scenectl.bench.studies.startup import bench_startup
+
+    with bars() as tell:
+        result = bench_startup(check, run, repeats, tell)
+    show(result, json_file)
