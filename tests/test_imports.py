@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from scenectl.bench.commands import BENCHES
 from scenectl.cli.app import COMMANDS
-from scenectl.cli.bench import BENCHES
 
 ROOT = Path(__file__).resolve().parents[1]
 ALLOWED = {
@@ -49,6 +49,7 @@ ROOMS = {
         "export",
         "view",
         "api",
+        "console",
         "bench",
         "cli",
     ],
@@ -57,7 +58,7 @@ ROOMS = {
 COMPUTING = ("torch", "numpy", "scipy", "numba", "trimesh", "matplotlib")
 """What help and completion have no use for either."""
 HEAVY = (
-    "pyvista", "vtkmodules", "vtk", "matplotlib", "open3d", "igl", "skimage", "manifold3d", "transformers",
+    "pyvista", "vtkmodules", "vtk", "open3d", "igl", "skimage", "manifold3d", "transformers",
     "sentence_transformers",
 )  # fmt: skip
 

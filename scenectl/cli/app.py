@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.lazy import group
+from scenectl.console.lazy import group
 from scenectl.threads import sleep_while_waiting
 from scenectl.version import __version__
 from scenes.errors import UserError
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def _leave(sentence: str) -> None:
-    from scenectl.cli.console import err, literal
+    from scenectl.console.console import err, literal
 
     err.print("scenectl: " + literal(" ".join(sentence.split())))
     sys.exit(2)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.cli.console import err, out
+from scenectl.console.console import err, out
 from scenes.errors import UserError
 
 if TYPE_CHECKING:

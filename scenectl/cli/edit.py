@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.cli.console import bars, err, literal, out
-from scenectl.cli.options import Generator, MotionFile
+from scenectl.console.console import bars, err, literal, out
+from scenectl.console.options import Generator, MotionFile
 from scenes.errors import UserError
 
 if TYPE_CHECKING:

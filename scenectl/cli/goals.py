@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.cli.console import literal, out, table
-from scenectl.cli.options import AllowCode, allow
+from scenectl.console.console import literal, out, table
+from scenectl.console.options import AllowCode, allow
 
 
 def goals(

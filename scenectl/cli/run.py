@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing, since_start, told
-from scenectl.cli.console import bars, err, literal, out
-from scenectl.cli.options import AllowCode, TaskFile, allow
 from scenectl.cli.score import show_samples
+from scenectl.console.console import bars, err, literal, out
+from scenectl.console.options import AllowCode, TaskFile, allow
 from scenes.errors import UserError
 
 if TYPE_CHECKING:

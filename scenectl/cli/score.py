@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.cli.console import bars, literal, out, table, write_json
-from scenectl.cli.options import AllowCode, MotionFile, TaskFile, allow
+from scenectl.console.console import bars, literal, out, table, write_json
+from scenectl.console.options import AllowCode, MotionFile, TaskFile, allow
 
 if TYPE_CHECKING:
     from scenectl.pipeline.results import Result

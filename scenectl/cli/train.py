@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import out, say, show
-from scenectl.cli.options import DATA, Data
+from scenectl.console.console import out, say, show
+from scenectl.console.options import DATA, Data
 from scenes.errors import UserError, did_you_mean
 
 

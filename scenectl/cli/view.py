@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.cli.console import out
-from scenectl.cli.options import AllowCode, allow
+from scenectl.console.console import out
+from scenectl.console.options import AllowCode, allow
 from scenes.errors import UserError
 
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import alone, shown, wrote
-from scenectl.cli.console import say
-from scenectl.cli.options import Json
+from scenectl.bench.commands.shared import alone, shown, wrote
+from scenectl.console.console import say
+from scenectl.console.options import Json
 
 
 def bake(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from scenectl.cli.bench.shared import measured, shown
-from scenectl.cli.options import DATA, Data, Generator, Json, Threads, Weights
+from scenectl.bench.commands.shared import measured, shown
+from scenectl.console.options import DATA, Data, Generator, Json, Threads, Weights
 
 
 def tokenizer(

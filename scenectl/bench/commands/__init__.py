@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from scenectl.cli.lazy import group
+from scenectl.console.lazy import group
 
 BENCHES = (
     "rooms", "keyframes", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query", "building",
@@ -12,7 +12,7 @@ BENCHES = (
 )  # fmt: skip
 
 app = typer.Typer(
-    cls=group("scenectl.cli.bench", *BENCHES),
+    cls=group("scenectl.bench.commands", *BENCHES),
     name="bench",
     no_args_is_help=True,
     rich_markup_mode=None,

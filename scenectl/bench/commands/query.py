@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import alone, shown, wrote
-from scenectl.cli.options import Json, Seed
+from scenectl.bench.commands.shared import alone, shown, wrote
+from scenectl.console.options import Json, Seed
 
 
 def query(

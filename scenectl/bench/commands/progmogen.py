@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured, shown, wrote
-from scenectl.cli.console import out, table
-from scenectl.cli.options import Generators, Json, Seed, Shard, Threads, Weights
+from scenectl.bench.commands.shared import measured, shown, wrote
+from scenectl.console.console import out, table
+from scenectl.console.options import Generators, Json, Seed, Shard, Threads, Weights
 from scenes.errors import UserError, did_you_mean
 
 PROMPTS = Path("../shared/data/progmogen.json")

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import engine_of, loaded, wrote
-from scenectl.cli.console import bars
-from scenectl.cli.options import Generator, Seed, Threads, Weights
+from scenectl.bench.commands.shared import engine_of, loaded, wrote
+from scenectl.console.console import bars
+from scenectl.console.options import Generator, Seed, Threads, Weights
 
 
 def gallery(

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import out, say
-from scenectl.cli.options import DATA, Data, Generator, Threads, Weights
+from scenectl.console.console import out, say
+from scenectl.console.options import DATA, Data, Generator, Threads, Weights
 from scenes.errors import UserError, did_you_mean
 
 

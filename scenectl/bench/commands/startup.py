@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import alone, shown
-from scenectl.cli.options import Json
+from scenectl.bench.commands.shared import alone, shown
+from scenectl.console.options import Json
 
 TASKS = Path("examples/tasks")
 

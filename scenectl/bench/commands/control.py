@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured, shown, wrote
-from scenectl.cli.options import DATA, Data, Generators, Json, Seed, Shard, Threads, Weights
+from scenectl.bench.commands.shared import measured, shown, wrote
+from scenectl.console.options import DATA, Data, Generators, Json, Seed, Shard, Threads, Weights
 
 
 def control(

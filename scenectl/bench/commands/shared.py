@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenectl.cli.console import bars, err, literal, out, show
+from scenectl.console.console import bars, err, literal, out, show
 from scenectl.threads import threads
 from scenes.errors import UserError
 

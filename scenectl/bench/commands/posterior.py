@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured, shown
-from scenectl.cli.options import Generators, Json, Seed, Shard, Threads, Weights
+from scenectl.bench.commands.shared import measured, shown
+from scenectl.console.options import Generators, Json, Seed, Shard, Threads, Weights
 
 
 def posterior(

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.cli.bench.shared import measured, shown, wrote
-from scenectl.cli.console import cell, literal, out
-from scenectl.cli.options import DATA, Data, Generator, Json, Seed, Threads, Weights
+from scenectl.bench.commands.shared import measured, shown, wrote
+from scenectl.console.console import cell, literal, out
+from scenectl.console.options import DATA, Data, Generator, Json, Seed, Threads, Weights
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
