@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from scenectl.generators.base import Progress
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.threads import threads
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
@@ -47,8 +47,8 @@ def bench_query(
     counts: tuple[int, ...] = COUNTS,
     patterns: tuple[str, ...] = ("body",),
     processes: int = 1,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Every method on the same grid of ``resolution ** 3`` nodes and the same float32 points, one thread.
 
     Methods take turns, and the median counts. All but `open3d` give value and gradient. `grid_sample` is torch's,
@@ -67,20 +67,31 @@ def bench_query(
     if repeats < 1 or min(counts) < 1 or processes < 1:
         raise UserError(f"{repeats} repeats of {counts} points in {processes} processes; give 1 or more")
     bundled(scene)  # raises UserError for an unknown name
-    tell, rows = progress or (lambda what, done: None), []
     asked = (scene, resolution, repeats, seed, counts, patterns)
-    for process in range(processes):
-        tell(f"process {process + 1}", process / processes)
+
+    def measured(process: int) -> list[Row]:
         found = _measured(*asked) if processes == 1 else _measured_elsewhere(asked)
-        rows += [{"process": process + 1, **row} for row in found]
-    summary: dict[str, Any] = {"scene": scene, "resolution": resolution, "repeats": repeats, **machine()}
-    summary |= {"processes": processes, "threads": 1}
+        return [{"process": process, **row} for row in found]
+
+    def summary(rows: Sequence[Row]) -> dict[str, Any]:
+        about = {"scene": scene, "resolution": resolution, "repeats": repeats, **machine()}
+        return {**about, "processes": processes, "threads": 1, **_speedups(rows, counts, patterns, processes)}
+
+    cases = [(f"process {process}", process) for process in range(1, processes + 1)]
+    return engine.run(cases, measured, summary, {"bench": "query", "asked": asked, "processes": processes})
+
+
+def _speedups(
+    rows: Sequence[Row], counts: Sequence[int], patterns: Sequence[str], processes: int
+) -> dict[str, float | str]:
+    """For each count how many times faster than `grid_sample`: the least of patterns and processes, and of each."""
+    found: dict[str, float | str] = {}
     for count in counts:
         ratios = [min(_ratio(rows, count, p, 1 + process) for p in patterns) for process in range(processes)]
         if processes > 1:
-            summary[f"speedup_{count}_each"] = ", ".join(f"{ratio:.2f}" for ratio in ratios)
-        summary[f"speedup_{count}"] = min(ratios)
-    return {"summary": summary, "rows": rows}
+            found[f"speedup_{count}_each"] = ", ".join(f"{ratio:.2f}" for ratio in ratios)
+        found[f"speedup_{count}"] = min(ratios)
+    return found
 
 
 def machine() -> dict[str, Any]:
@@ -217,7 +228,7 @@ def _medians(found: dict[str, Method], repeats: int, calls: int) -> dict[str, fl
     return {name: float(np.median(values)) for name, values in times.items()}
 
 
-def _ratio(rows: list[dict[str, Any]], count: int, pattern: str, process: int) -> float:
+def _ratio(rows: Sequence[Row], count: int, pattern: str, process: int) -> float:
     case = (process, count, pattern)
     seconds = {r["method"]: r["seconds"] for r in rows if (r["process"], r["points"], r["pattern"]) == case}
     return float(seconds["grid_sample"] / seconds["scenectl"])

@@ -40,6 +40,7 @@ from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Variant, load_recipe
 from scenectl.training.stages import Job, Run
 from scenectl.training.sweep import Measure, shortened, sweep, write_table
+from scenes.errors import UserError
 
 C = TypeVar("C")
 
@@ -82,6 +83,7 @@ class Bench:
         clips: test clips wherever joints are controlled.
         device: "auto", "cpu" or "cuda", for training.
         threads: CPU threads; torch's choice by default.
+        family: of the generator that is taken apart.
     """
 
     data: Path
@@ -92,6 +94,7 @@ class Bench:
     clips: int = 12
     device: str = "auto"
     threads: int | None = None
+    family: str = MSCoT.name
 
     @cached_property
     def recipe(self) -> MSCoTRecipe:
@@ -104,7 +107,7 @@ class Bench:
     @cached_property
     def generator(self) -> MSCoT:
         """The finished weights behind the default sampling."""
-        found = load_generator("mscot", self.weights)
+        found = load_generator(self.family, self.weights)
         assert isinstance(found, MSCoT)
         return found
 
@@ -151,7 +154,9 @@ class Bench:
 
 
 def bench_ablations(bench: Bench, names: Sequence[str], progress: Progress) -> list[Path]:
-    """Run some of `ABLATIONS`; returns the files written."""
+    """Run some of `ABLATIONS`; returns the files written. Raises UserError for a family that they do not take apart."""
+    if bench.family != MSCoT.name:
+        raise UserError(f"ablations take apart '{MSCoT.name}', and generator '{bench.family}' has none of its parts")
     if bench.threads is not None:
         use(bench.threads)
     written = []

@@ -136,7 +136,7 @@ class MSCoT:
         """Raw features after a round trip through tokens, T a multiple of four."""
         return self.bundle.tokenizer.decode(self.bundle.tokenizer.encode(features))
 
-    def babble(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
+    def from_random_tokens(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
         """Raw features of tokens drawn uniformly, `frames` a multiple of four."""
         lengths, codes = self.quantiser.lengths(tokens_for(frames)), self.bundle.config.tokenizer.codes
         return self.bundle.tokenizer.decode([torch.randint(codes, (1, n), generator=draw) for n in lengths])
