@@ -16,7 +16,7 @@ SOLVER = "scenectl bench control"
 NOCEDAL = "Nocedal and Wright, Numerical Optimization, chapters 3 and 7"
 
 
-def _entry(value: float, unit: str, decides: str, source: str) -> Any:
+def _entry(value: float | int, unit: str, decides: str, source: str) -> Any:
     return field(default=value, metadata={"unit": unit, "decides": decides, "source": source})
 
 
@@ -52,23 +52,23 @@ class Thresholds:
     led_bones: float = _entry(10.0, "", "weight of `bone_length` where goals lead a body past walls", WALLS)
     led_bone_error: float = _entry(0.05, "m", "tolerance of `bone_length` there", WALLS)
     led_clearance: float = _entry(5.0, "", "weight of `foot_clearance` there", WALLS)
-    approach: float = _entry(40, "steps", "at most, of searches with a body's costs", BODY)
-    finish: float = _entry(20, "steps", "at most, of searches without them from there", BODY)
+    approach: int = _entry(40, "steps", "at most, of searches with a body's costs", BODY)
+    finish: int = _entry(20, "steps", "at most, of searches without them from there", BODY)
     # Polishing.
     reach: float = _entry(0.01, "m", "distance from targets at which polishing takes over from the decoder", TARGETS)
     furthest: float = _entry(3.0, "", "longest move of a joint by polishing, over `reach`", TARGETS)
     polish_stretch: float = _entry(0.5, "", "largest growth of a bone error by polishing, over `reach`", TARGETS)
-    polish_steps: float = _entry(20, "steps", "at most, of polishing", TARGETS)
+    polish_steps: int = _entry(20, "steps", "at most, of polishing", TARGETS)
     spread_time: float = _entry(0.15, "s", "standard deviation over time of a smooth move", TARGETS)
     spread_bones: float = _entry(3.0, "bones", "length along the limbs over which it falls to 1/e", TARGETS)
     # Free starts.
-    headings: float = _entry(8, "", "directions that are tried for a start that is solved for", TARGETS)
-    heading_steps: float = _entry(4, "steps", "at most, of the search from each of them", TARGETS)
-    start_steps: float = _entry(30, "steps", "at most, of the search from the best of them", TARGETS)
+    headings: int = _entry(8, "", "directions that are tried for a start that is solved for", TARGETS)
+    heading_steps: int = _entry(4, "steps", "at most, of the search from each of them", TARGETS)
+    start_steps: int = _entry(30, "steps", "at most, of the search from the best of them", TARGETS)
     # The choice of a solver, in passes (`Step.price`, from `scenectl bench prices`).
     rows: float = _entry(7.2, "passes", "most that a Jacobian may cost for the dual form where all rows count", SOLVER)
     rows_sleeping: float = _entry(3.6, "passes", "the same where some rows are zero, and cost as they wake", SOLVER)
-    rows_first: float = _entry(96, "passes", "the same at the start, from which a named `lm` goes on as L-BFGS", SOLVER)
+    rows_first: float = _entry(96.0, "passes", "the same at the start of a named `lm`; L-BFGS goes on beyond", SOLVER)
     rows_woken: float = _entry(7.2, "passes", "the same of rows that wake on the way", SOLVER)
     product: float = _entry(1.0, "passes", "most that a product may cost for Gauss-Newton", SOLVER)
     newton_share: float = _entry(0.1, "", "share of the steps that are left to Gauss-Newton where it is chosen", SOLVER)
@@ -76,15 +76,15 @@ class Thresholds:
     damping: float = _entry(0.05, "", "first damping, over the mean diagonal of J J^T or the rows' mean square", SOLVER)
     least_damping: float = _entry(1e-8, "", "least damping", "rounding")
     good: float = _entry(0.1, "", "share of the cost that a step leaves at most for its Jacobian to be kept", SOLVER)
-    dual_rounds: float = _entry(6, "", "rounds of finding the active set, exactly", SOLVER)
-    cg_rounds: float = _entry(3, "", "rounds of finding it by conjugate gradients", SOLVER)
-    cg_steps: float = _entry(20, "steps", "at most, of conjugate gradients", SOLVER)
+    dual_rounds: int = _entry(6, "", "rounds of finding the active set, exactly", SOLVER)
+    cg_rounds: int = _entry(3, "", "rounds of finding it by conjugate gradients", SOLVER)
+    cg_steps: int = _entry(20, "steps", "at most, of conjugate gradients", SOLVER)
     cg_tolerance: float = _entry(0.05, "", "share of the first residual at which they end", SOLVER)
     # L-BFGS.
-    memory: float = _entry(12, "pairs", "memory of L-BFGS", NOCEDAL)
+    memory: int = _entry(12, "pairs", "memory of L-BFGS", NOCEDAL)
     decrease: float = _entry(1e-4, "", "sufficient decrease (Wolfe, c1)", NOCEDAL)
     curvature: float = _entry(0.9, "", "curvature (Wolfe, c2)", NOCEDAL)
-    trials: float = _entry(10, "", "trials of a line search", SOLVER)
+    trials: int = _entry(10, "", "trials of a line search", SOLVER)
     first_move: float = _entry(0.1, "", "longest first step, in the value's space", SOLVER)
 
 

@@ -53,14 +53,6 @@ class TinyStep:
     def motion(self) -> Motion:
         return self.decode(self.value)
 
-    @property
-    def price(self) -> Price:
-        return Price(product=1.0, row=1.0)
-
-    @property
-    def unit(self) -> float:
-        return 1.0
-
     def jvp(self, tangent: Float[Tensor, "S T 2"]) -> Float[Tensor, "S T J 3"]:
         return torch.func.jvp(lambda value: self.decode(value).joints, (self.value,), (tangent,))[1]
 
