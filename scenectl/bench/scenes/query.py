@@ -263,4 +263,4 @@ def plot(result: dict[str, Any], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(json.dumps(_measured(*json.loads(sys.argv[1]), names=COMPARED)))
+    print(json.dumps(_measured(*json.loads(sys.argv[1]), COMPARED)))
