@@ -133,7 +133,7 @@ def _measured(
 
 def _measured_elsewhere(asked: tuple[Any, ...]) -> Any:
     """The same from a process of its own, for `COMPARED` alone."""
-    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps(asked)]
+    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps((*asked, COMPARED))]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     if done.returncode:
         raise UserError(f"a process could not measure: {(done.stderr.strip().splitlines() or ['killed'])[-1]}")
@@ -263,4 +263,4 @@ def plot(result: dict[str, Any], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    print(json.dumps(_measured(*json.loads(sys.argv[1]), COMPARED)))
+    print(json.dumps(_measured(*json.loads(sys.argv[1]))))
