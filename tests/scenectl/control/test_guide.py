@@ -52,9 +52,7 @@ def guide(scale: float = 1.0) -> ObjectiveGuide:
 
 def refined(at: Step, **settings: object) -> Refined:
     """Goals alone: random networks have no body to keep."""
-    return refine(
-        at, GOALS, context(), SolverSettings.model_validate({"natural": False, "polish": False, **settings})
-    )
+    return refine(at, GOALS, context(), SolverSettings.model_validate({"natural": False, "polish": False, **settings}))
 
 
 def test_the_protocols_are_met() -> None:
