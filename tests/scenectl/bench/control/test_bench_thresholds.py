@@ -34,7 +34,7 @@ def test_a_changed_threshold_has_its_row_beside_the_unchanged_table(tiny: Module
 
 
 def test_an_unknown_threshold_is_refused_in_a_sentence(tiny: ModuleType) -> None:
-    with pytest.raises(UserError, match="unknown threshold 'strech'.*stretch"):
+    with pytest.raises(UserError, match=r"unknown threshold 'strech'.*stretch"):
         bench_thresholds(tiny.TinyGenerator(), ("strech",))
 
 
