@@ -6,7 +6,7 @@ PIP  = .venv/bin/pip --disable-pip-version-check -qq
 BIN  = .venv/bin
 INSTALLED = .venv/.installed
 
-.PHONY: help install demo test check format hooks train bench clean
+.PHONY: help install demo test check format hooks train bench lines clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -49,6 +49,9 @@ train: install  ## train tokenizer, transformer and refiner (hours; resumes; DAT
 
 bench: install  ## walk through the bundled rooms and print what was reached and what was touched
 	@$(BIN)/scenectl bench rooms --tasks $(or $(TASKS),10) --json out/bench_rooms.json
+
+lines: install  ## count lines of code by room
+	@$(BIN)/python tests/lines.py
 
 clean:  ## remove results and caches, keep .venv
 	rm -rf out .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info

@@ -54,7 +54,8 @@ class Masked:
         targets: where each entry is drawn to, world m, of goals that pull; nan on coordinates that are free and where
             an entry is drawn nowhere. The diagnosis tells targets out of reach by it, the viewer marks them, and
             generators that take positions as inputs are told them.
-        marks: what the viewer shows; by default targets, or else the points and tracks among the parameters.
+        marks: what the viewer shows, asked for only when it does; by default targets, or else the points and tracks
+            among the parameters.
     """
 
     residual: Float[Tensor, "*b T k"]
@@ -65,7 +66,7 @@ class Masked:
     joints: Sequence[str | None] = ()
     points: Float[Tensor, "*b T n 3"] | None = None
     targets: Float[Tensor, "*b T n 3"] | None = None
-    marks: Sequence[Mark] | None = None
+    marks: Callable[[], Sequence[Mark]] | None = None
 
 
 GoalFunction = Callable[..., "Tensor | Masked"]

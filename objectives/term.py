@@ -20,6 +20,7 @@ from objectives.registry import JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
 from objectives.report import TermReport
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import Skeleton
 
 Number = int | float
 
@@ -36,10 +37,11 @@ class Evaluated:
         weights: factor on the cost of each entry, ``[*b, T, n]``.
         sizes: components of each of the n entries.
         labels: name of each entry, or nothing.
-        joints: the joint that each entry is about, or None, ``[n]``.
         points: where each entry is, world m, or nothing.
         targets: where each entry is drawn to, world m, nan on what is free; or nothing.
-        marks: what the goal itself says that there is to see; None where it says nothing.
+        marks: tells what the goal itself says that there is to see; None where it says nothing.
+        skeleton: of the motion.
+        owners: joints that the goal says its entries are about, where labels do not; or nothing.
     """
 
     residual: Float[Tensor, "*b T k"]
@@ -48,10 +50,17 @@ class Evaluated:
     weights: Float[Tensor, "*b T n"]
     sizes: tuple[int, ...]
     labels: tuple[str, ...]
-    joints: tuple[str | None, ...]
     points: Float[Tensor, "*b T n 3"] | None
     targets: Float[Tensor, "*b T n 3"] | None
-    marks: tuple[Mark, ...] | None
+    marks: Callable[[], Sequence[Mark]] | None
+    skeleton: Skeleton
+    owners: tuple[str | None, ...] = ()
+
+    @property
+    def joints(self) -> tuple[str | None, ...]:
+        """The joint that each of the n entries is about, or None."""
+        names = self.owners or self.labels or (None,) * len(self.sizes)
+        return tuple(name if name in self.skeleton.names else None for name in names)
 
 
 @dataclass(frozen=True)
@@ -192,9 +201,11 @@ class Term:
         if self.sometime is not None:
             mask = mask & _best_frame(_squares(residual.detach(), sizes) * weights, mask)[..., None]
         residual = torch.where(_per_component(mask, sizes), residual, 0.0)
-        about = self._about(result, motion, len(sizes))
-        marks = None if result.marks is None else tuple(result.marks)
-        return Evaluated(residual, _squares(residual, sizes), mask, weights, sizes, *about, marks)
+        labels, points, targets = self._about(result, motion, len(sizes))
+        return Evaluated(
+            residual, _squares(residual, sizes), mask, weights, sizes, labels, points, targets, result.marks,
+            motion.skeleton, tuple(result.joints),
+        )  # fmt: skip
 
     def marks(self, motion: Motion, context: Context) -> list[Mark]:
         """What there is to see of the term beside one motion ``[T, J, 3]``: what its goal says, or else its targets.
@@ -204,7 +215,7 @@ class Term:
         with torch.no_grad():
             found = self.evaluate(motion, context.unbaked)
         if found.marks is not None:
-            return list(found.marks)
+            return list(found.marks())
         if found.targets is None:
             return marks_of_parameters(self.parameters, self.allowed)
         return marks_of_targets(found.targets, found.points, found.mask, self.allowed)
@@ -367,24 +378,21 @@ class Term:
 
     def _about(
         self, result: Masked, motion: Motion, entries: int
-    ) -> tuple[tuple[str, ...], tuple[str | None, ...], Tensor | None, Tensor | None]:
-        """Labels, joints, points and targets of the entries; a goal about one `joint` need not state its own."""
-        labels, points = tuple(result.labels), result.points
-        if not labels and points is None and entries == 1 and len(self.joints) == 1:
+    ) -> tuple[tuple[str, ...], Tensor | None, Tensor | None]:
+        """Labels, points and targets of the entries; a goal about one `joint` need not state its own."""
+        labels, points, targets = tuple(result.labels), result.points, result.targets
+        if entries == 1 and points is None and not labels and len(self.joints) == 1:
             labels, points = self.joints, motion.joint(self.joints[0])[..., None, :]
-        counts = {"labels": len(labels) or entries, "joints": len(result.joints) or entries}
-        counts |= {
-            what: places.shape[-2]
-            for what, places in (("points", points), ("targets", result.targets))
-            if places is not None
+        counts = {
+            "labels": len(labels) or entries,
+            "joints": len(result.joints) or entries,
+            "points": entries if points is None else points.shape[-2],
+            "targets": entries if targets is None else targets.shape[-2],
         }
         for what, count in counts.items():
             if count != entries:
                 raise UserError(f"{self.label}: its {what} must be as many as its {entries} entries")
-        known = set(motion.skeleton.names)
-        joints = tuple(result.joints) or tuple(name if name in known else None for name in labels) or (None,) * entries
-        points, targets = (None if places is None else places.detach() for places in (points, result.targets))
-        return labels, joints, points, targets
+        return labels, None if points is None else points.detach(), None if targets is None else targets.detach()
 
 
 _OPTIONS: dict[str, Any] = {

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from scenectl.bench.commands import BENCHES
+from scenectl.cli.app import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[1]
 ALLOWED = {
@@ -17,10 +21,46 @@ ALLOWED = {
     "scenectl": {"scenes", "objectives", "scenectl"},
 }
 ROOMS = {
-    "scenes": ["errors", "files", "kernels", "motion", "mesh", "sdf", "body", "world", "scene", "bundled"],
+    "scenes": [
+        "errors",
+        "validation",
+        "files",
+        "kernels",
+        "motion",
+        "mesh",
+        "sdf",
+        "body",
+        "world",
+        "scene",
+        "bundled",
+    ],
+    "scenectl": [
+        "version",
+        "threads",
+        "data",
+        "networks",
+        "training",
+        "generators",
+        "control",
+        "evaluation",
+        "measures",
+        "tasks",
+        "pipeline",
+        "export",
+        "view",
+        "api",
+        "console",
+        "bench",
+        "cli",
+    ],
 }
 """Rooms of a package, the lowest first: each imports itself and those before it."""
-HEAVY = ("pyvista", "vtk", "open3d", "igl", "skimage", "manifold3d", "transformers", "sentence_transformers")
+COMPUTING = ("torch", "numpy", "scipy", "numba", "trimesh", "matplotlib")
+"""What help and completion have no use for either."""
+HEAVY = (
+    "pyvista", "vtkmodules", "vtk", "open3d", "igl", "skimage", "manifold3d", "transformers",
+    "sentence_transformers",
+)  # fmt: skip
 
 
 def imported(path: Path) -> set[str]:
@@ -90,10 +130,32 @@ print([name for name in ("numba", "scipy", "trimesh", "pydantic") if name in sys
     assert done.stdout.strip() == "[]"
 
 
-def test_the_command_line_starts_without_what_only_one_command_needs() -> None:
-    code = f"import sys, scenectl.cli.app; print([name for name in {(*HEAVY, 'trimesh')!r} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+def loaded(*words: str, **environment: str) -> set[str]:
+    """Top-level modules that the command line has imported when it ends, in a process of its own."""
+    code = "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr))\n"
+    code += "from scenectl.cli.app import main; main()"
+    env = {**os.environ, **environment}
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True, env=env)
+    return {name.partition(".")[0] for name in done.stderr.splitlines()[-1].split()}
+
+
+HELPS = [(), *((name,) for name in COMMANDS), *(("bench", name) for name in BENCHES)]
+
+
+@pytest.mark.parametrize("words", HELPS, ids=" ".join)
+def test_help_imports_nothing_that_computes(words: tuple[str, ...]) -> None:
+    assert loaded(*words, "--help").isdisjoint({*HEAVY, *COMPUTING})
+
+
+def test_completion_imports_nothing_that_computes() -> None:
+    words = {"COMP_WORDS": "scenectl bench roo", "COMP_CWORD": "2"}
+    assert not loaded(_SCENECTL_COMPLETE="complete_bash", **words) & {*HEAVY, *COMPUTING}
+
+
+def test_a_check_without_a_mesh_imports_neither_a_compiler_nor_what_draws() -> None:
+    modules = loaded("check", str(ROOT / "examples" / "tasks" / "barrier.toml"))
+    assert "torch" in modules and "pydantic" in modules  # it does check
+    assert not modules & {*HEAVY, "numba", "scipy", "trimesh", "safetensors", "tokenizers", "vtkmodules", "matplotlib"}
 
 
 @pytest.mark.parametrize("package", ALLOWED)

@@ -12,6 +12,7 @@ from objectives.library.scene import foot_heights
 from objectives.maths import beyond, length
 from objectives.parameters import NotNegative, Positive
 from objectives.registry import Masked, goal
+from scenes.motion.bones import bone_vectors, rest_lengths
 from scenes.motion.motion import Motion
 
 
@@ -119,12 +120,9 @@ def bone_length(motion: Motion, context: Context, *, slack: NotNegative = 0.005)
     Args:
         slack: difference that is free, m; a decoder's own is a few millimetres.
     """
-    parents, children = (list(side) for side in zip(*motion.skeleton.bones, strict=True))
-    lengths = length(motion.joints[..., children, :] - motion.joints[..., parents, :])
-    rest = lengths.new_tensor(motion.skeleton.bone_lengths)[children]
-    names = [motion.skeleton.names[child] for child in children]
-    excess = beyond((lengths - rest)[..., None], slack).squeeze(-1)
-    return Masked(excess, labels=names, points=motion.joints[..., children, :])
+    names = [motion.skeleton.names[child] for _, child in motion.skeleton.bones]
+    longer = length(bone_vectors(motion)) - rest_lengths(motion)
+    return Masked(beyond(longer[..., None], slack).squeeze(-1), labels=names, points=motion.select(names))
 
 
 @goal(unit="rad", kernel="squared", reduction="mean", scale=10.0, tolerance=0.1)

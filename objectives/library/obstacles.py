@@ -40,7 +40,10 @@ def sphere_repulsion(
     names, points = placed(joints, motion)
     middle = held_position(center, motion.times)
     distance = length(points - middle) - radius
-    marks = [_obstacle("ball", middle, radius, motion, center)]
+
+    def marks() -> list[Mark]:
+        return [_obstacle("ball", middle, radius, motion, center)]
+
     return Masked((margin - distance).clamp_min(0), labels=names, points=points, marks=marks)
 
 
@@ -67,7 +70,10 @@ def capsule_repulsion(
     names, points = placed(joints, motion)
     ends = held_position(a, motion.times), held_position(b, motion.times)
     distance = segment_distance(points, *ends) - radius
-    marks = [_obstacle("capsule", torch.cat(ends, dim=1), radius, motion, a, b)]
+
+    def marks() -> list[Mark]:
+        return [_obstacle("capsule", torch.cat(ends, dim=1), radius, motion, a, b)]
+
     return Masked((margin - distance).clamp_min(0), labels=names, points=points, marks=marks)
 
 

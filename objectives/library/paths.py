@@ -59,7 +59,11 @@ def follow_path(
     place = motion.joint(joint)
     vertices = place.new_tensor(_vertices(path))
     corridor = (path_distance(place[..., ::2], vertices) - half_width).clamp_min(0)[..., None]
-    marks = [Mark("line", _on_floor(vertices), role="way")]
+
+    def marks() -> list[Mark]:
+        heights = torch.full_like(vertices[:, 0], math.nan)
+        return [Mark("line", torch.stack([vertices[:, 0], heights, vertices[:, 1]], dim=-1), role="way")]
+
     if begin is None and end is None:
         labels = [f"{joint} (corridor)"]
         return Masked(corridor, labels=labels, joints=[joint], points=place[..., None, :], marks=marks)
@@ -70,7 +74,8 @@ def follow_path(
     scheduled = path_point(vertices, share)
     behind = beyond(place[..., ::2] - scheduled, lag)
     points = place[..., None, :].expand(*place.shape[:-1], 2, 3)
-    targets = torch.nn.functional.pad(_on_floor(scheduled)[:, None], (0, 0, 1, 0), value=math.nan)
+    targets = place.new_full((motion.frames, 2, 3), math.nan)
+    targets[:, 1, ::2] = scheduled
     return Masked(
         torch.cat([corridor, behind], dim=-1),
         sizes=(1, 2),
@@ -80,11 +85,6 @@ def follow_path(
         targets=targets.expand(points.shape),
         marks=marks,
     )
-
-
-def _on_floor(places: Float[Tensor, "P 2"]) -> Float[Tensor, "P 3"]:
-    """World points of x and z whose height is free."""
-    return torch.stack([places[:, 0], torch.full_like(places[:, 0], math.nan), places[:, 1]], dim=-1)
 
 
 def _vertices(path: list[FloorPoint] | list[Point]) -> list[tuple[float, float]]:

@@ -66,8 +66,9 @@ def joint_target(
         raise UserError(f"axes '{axes}' need a height, but 'position' states only [x, z]")
     points = motion.select(names)
     offset = (points - target)[..., ["xyz".index(axis) for axis in axes]]
-    free = target.new_tensor([0.0 if axis in axes else math.nan for axis in "xyz"])
-    targets = (target + free).expand(points.shape)
+    if len(axes) < 3 and not flat:
+        target = target + target.new_tensor([0.0 if axis in axes else math.nan for axis in "xyz"])
+    targets = target.expand(points.shape)
     return Masked(offset.flatten(-2), active, sizes=len(axes), labels=names, points=points, targets=targets)
 
 
@@ -111,5 +112,5 @@ def _point(place: object) -> tuple[float, float, float]:
     if isinstance(place, Point):
         return (place.x, place.y, place.z)
     if isinstance(place, FloorPoint):
-        return (place.x, 0.0, place.z)
+        return (place.x, math.nan, place.z)
     raise UserError("'position' must be [x, y, z], [x, z], or a list of one of them")

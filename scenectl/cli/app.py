@@ -12,9 +12,9 @@ from typing import Annotated
 
 import typer
 
-import scenectl
-from scenectl.cli.lazy import group
+from scenectl.console.lazy import group
 from scenectl.threads import sleep_while_waiting
+from scenectl.version import __version__
 from scenes.errors import UserError
 
 COMMANDS = ("check", "run", "score", "view", "edit", "goals", "scenes", "bake", "body", "train", "bench")
@@ -31,7 +31,7 @@ app = typer.Typer(
 @app.callback(invoke_without_command=True)
 def _root(version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False) -> None:
     if version:
-        typer.echo(scenectl.__version__)
+        typer.echo(__version__)
         raise typer.Exit
 
 
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def _leave(sentence: str) -> None:
-    from scenectl.cli.console import err, literal
+    from scenectl.console.console import err, literal
 
     err.print("scenectl: " + literal(" ".join(sentence.split())))
     sys.exit(2)

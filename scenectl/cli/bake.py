@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.cli.console import err, out
+from scenectl.cli.clock import importing
+from scenectl.console.console import err, out
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ def bake(
     png: Annotated[Path | None, typer.Option(help="Draw the scene with a slice of its distances.")] = None,
 ) -> None:
     """Bake a scene's signed distances and say what was decided."""
-    from scenes.world.named import named_scene
+    with importing():
+        from scenes.world.named import named_scene
 
     begin = time.perf_counter()
     found = named_scene(scene, unit, up, resolution, _free_space(free_space), thickness, spacing)

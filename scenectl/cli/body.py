@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.cli.console import err, literal, out, table
+from scenectl.console.console import err, literal, out, table
 from scenes.errors import UserError
 
 if TYPE_CHECKING:

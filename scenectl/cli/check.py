@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.options import AllowCode, allow
+from scenectl.cli.clock import importing
+from scenectl.console.console import out
+from scenectl.console.options import AllowCode, allow
 
 
 def check(
@@ -15,9 +17,9 @@ def check(
     allow_code: AllowCode = None,
 ) -> None:
     """Validate tasks without a model: keys, scene, start, path, goals, times and places."""
-    from scenectl.cli.console import out
-    from scenectl.tasks.task import load_task
-    from scenes.world.floor.polyline import path_length
+    with importing():
+        from scenectl.tasks.task import load_task
+        from scenes.world.floor.polyline import path_length
 
     allow(allow_code)
     for path in tasks:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.cli.console import bars, err, literal, out
-from scenectl.cli.options import Generator, MotionFile
+from scenectl.cli.clock import importing
+from scenectl.console.console import bars, err, literal, out
+from scenectl.console.options import Generator, MotionFile
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -39,11 +40,12 @@ def edit(
     generator: Generator = "mscot",
 ) -> None:
     """Make parts of a motion anew: motion.npz and report.json in DIR, as `scenectl run` writes them."""
-    from scenectl.generators import load_generator
-    from scenectl.generators.registry import find
-    from scenectl.pipeline.editing import check, edited
-    from scenectl.pipeline.results import load_sample
-    from scenes.files import writable_folder
+    with importing():
+        from scenectl.generators import load_generator
+        from scenectl.generators.registry import find
+        from scenectl.pipeline.editing import check, edited
+        from scenectl.pipeline.results import load_sample
+        from scenes.files import writable_folder
 
     original = load_sample(motion, sample)
     mask = _mask(original, regenerate or [], keep or [])

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import literal, out, table
-from scenectl.cli.options import AllowCode, allow
+from scenectl.cli.clock import importing
+from scenectl.console.console import literal, out, table
+from scenectl.console.options import AllowCode, allow
 
 
 def goals(
@@ -15,8 +16,9 @@ def goals(
     allow_code: AllowCode = None,
 ) -> None:
     """List the goals that a task can use."""
-    from objectives import get_goal
-    from objectives import goals as registered
+    with importing():
+        from objectives import get_goal
+        from objectives import goals as registered
 
     allow(allow_code)
     if name is None:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.cli.clock import since_start, told
-from scenectl.cli.console import bars, err, literal, out
-from scenectl.cli.options import AllowCode, TaskFile, allow
+from scenectl.cli.clock import importing, since_start, told
 from scenectl.cli.score import show_samples
+from scenectl.console.console import bars, err, literal, out
+from scenectl.console.options import AllowCode, TaskFile, allow
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -31,9 +31,10 @@ def run(
     allow_code: AllowCode = None,
 ) -> None:
     """Make motions for a task: motion.npz, report.json and preview.png in DIR."""
-    from scenectl.pipeline.run import run as make
-    from scenectl.tasks.task import load_task
-    from scenes.files import writable_folder
+    with importing():
+        from scenectl.pipeline.run import run as make
+        from scenectl.tasks.task import load_task
+        from scenes.files import writable_folder
 
     laps = {"imports": since_start()}
     allow(allow_code)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scenectl.cli.console import out
+from scenectl.console.console import out
 
 
 def scenes() -> None:

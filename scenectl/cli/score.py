@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.cli.console import bars, literal, out, table, write_json
-from scenectl.cli.options import AllowCode, MotionFile, TaskFile, allow
+from scenectl.cli.clock import importing
+from scenectl.console.console import bars, literal, out, table, write_json
+from scenectl.console.options import AllowCode, MotionFile, TaskFile, allow
 
 if TYPE_CHECKING:
     from scenectl.pipeline.results import Result
@@ -21,9 +22,10 @@ def score(
     allow_code: AllowCode = None,
 ) -> None:
     """Report how well finished motions meet a task."""
-    from scenectl.pipeline.run import score as judge
-    from scenectl.tasks.task import load_task
-    from scenes.motion.motion import Motion
+    with importing():
+        from scenectl.pipeline.run import score as judge
+        from scenectl.tasks.task import load_task
+        from scenes.motion.motion import Motion
 
     allow(allow_code)
     loaded = load_task(task)

@@ -7,14 +7,18 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import out, say, show
-from scenectl.cli.options import DATA, Data
+from scenectl.console.console import out, say, show
+from scenectl.console.options import DATA, Data
 from scenes.errors import UserError, did_you_mean
 
 
 def train(
     stage: Annotated[
-        str, typer.Argument(help="all, tokenizer, decoder, refiner, transformer, export, metric, sweep or evaluator.")
+        str,
+        typer.Argument(
+            help="all, a stage of the recipe's family (MSCoT: tokenizer, decoder, refiner, transformer), export, "
+            "metric, sweep or evaluator."
+        ),
     ],
     data: Data = DATA,
     config: Annotated[str, typer.Option(help="compact, permissive, paper, or a recipe (TOML).")] = "compact",
@@ -45,12 +49,11 @@ def train(
 
 
 def _sweep(data: Path, config: str, output: Path, iterations: int | None, threads: int | None, device: str) -> None:
-    import torch
-
     from scenectl.generators.training import plan_of
+    from scenectl.threads import use
     from scenectl.training.sweep import train_sweep
 
     if threads is not None:
-        torch.set_num_threads(threads)
+        use(threads)
     rows = train_sweep(data, config, output, iterations or 1000, device, say, plan=plan_of(config))
     show({"rows": rows, "summary": {"table": str(output / "sweep.md")}})

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.console import out
-from scenectl.cli.options import AllowCode, allow
+from scenectl.cli.clock import importing
+from scenectl.console.console import out
+from scenectl.console.options import AllowCode, allow
 from scenes.errors import UserError
 
 
@@ -24,8 +25,9 @@ def view(
     allow_code: AllowCode = None,
 ) -> None:
     """Look at a result or a scene: body, goals, time slider, distances."""
-    from scenectl import view as viewer
-    from scenes.world.named import named_scene
+    with importing():
+        from scenectl import view as viewer
+        from scenes.world.named import named_scene
 
     if at is not None and not math.isfinite(at):
         raise UserError(f"--at is {at}; give a time in seconds")

@@ -19,7 +19,7 @@ REPEATING = frozenset(
     ["walk", "run", "sneak", "hop", "squat", "exercise", "fight"]
     + [f"bandai: {content}" for content in ("walk", "walk-left", "walk-right", "walk-back", "run", "dash")]
 )
-"""Kinds of motion that may go on and on: whoever walks on still walks, but two bows are not a bow."""
+"""Kinds of motion that may go on and on: a longer walk is still a walk, but two bows are not a bow."""
 
 
 class Augmentation(BaseModel):

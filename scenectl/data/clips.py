@@ -32,7 +32,7 @@ _MOST = 2000
 
 @dataclass(frozen=True)
 class ClipSet:
-    """Clips as features, from which windows are drawn so that no kind of motion drowns.
+    """Clips as features, from which windows are drawn with a share for every kind of motion.
 
     Attributes:
         features: all clips one after the other, ``[N, 263]``.
@@ -97,7 +97,7 @@ class ClipSet:
     def draw(self, length: int, batch: int, generator: torch.Generator) -> tuple[Tensor, Int[Tensor, " B"]]:
         """Random windows ``[B, length, 263]`` of clips that are long enough, and the clips' indices.
 
-        A group's share is the square root of its size: big groups lead without drowning small ones.
+        A group's share is the square root of its size: big groups lead, and small ones are still seen.
         """
         weights = self._weights(length)
         clips = torch.multinomial(weights, batch, replacement=True, generator=generator)

@@ -55,14 +55,12 @@ class FeatureClip:
         features: at 20 fps, not normalised, ``[T, 263]``.
         captions: at least one.
         mirrored: whether it is a mirrored copy.
-        split: "train", "val" or "test".
     """
 
     id: str
     features: Float[Tensor, "T 263"]
     captions: tuple[Caption, ...]
     mirrored: bool
-    split: str
 
 
 class HumanML3D:
@@ -94,14 +92,12 @@ class HumanML3D:
             raise UserError(f"HumanML3D folder '{self.folder}' has no {split}.txt, the list of ids of that split")
         return path.read_text(encoding="utf-8").split()
 
-    def missing(self, split: str) -> list[str]:
-        """Listed ids without a motion or a text; copies without AMASS's HumanAct12 part lack some thousand."""
-        return [name for name in self.ids(split) if not all(path.is_file() for path in self._paths(name))]
-
     def clips(
         self, split: str, min_frames: int = 40, max_frames: int = 199, mirrored: bool = True
     ) -> Iterator[FeatureClip]:
-        """Clips of a split in the order of its list; ids without files are passed over (`missing` lists them).
+        """Clips of a split in the order of its list; ids without files are passed over.
+
+        Copies without AMASS's HumanAct12 part lack some thousand.
 
         Captions of the same part share a clip, in the order of the file. The default lengths are those of the
         data set's own evaluation, 40 <= frames < 200 (protocol 3.4).
@@ -122,14 +118,14 @@ class HumanML3D:
                 f"HumanML3D folder '{self.folder}' has no motion and text for any of the ids in {split}.txt"
             )
         for name in present:
-            for clip in self._parts(name, split):
+            for clip in self._parts(name):
                 if min_frames <= len(clip.features) <= max_frames:
                     yield clip
 
     def _paths(self, name: str) -> tuple[Path, Path]:
         return self.folder / "new_joint_vecs" / f"{name}.npy", self.folder / "texts" / f"{name}.txt"
 
-    def _parts(self, name: str, split: str) -> Iterator[FeatureClip]:
+    def _parts(self, name: str) -> Iterator[FeatureClip]:
         motion, text = self._paths(name)
         features = torch.from_numpy(_rows(motion))
         parts: dict[tuple[float, float], list[Caption]] = {}
@@ -139,7 +135,7 @@ class HumanML3D:
             whole = captions[0].whole
             rows = features if whole else features[int(start * FPS) : int(end * FPS)]
             label = name if whole else f"{name}@{start:g}-{end:g}"
-            yield FeatureClip(label, rows, tuple(captions), name.startswith("M"), split)
+            yield FeatureClip(label, rows, tuple(captions), name.startswith("M"))
 
 
 def read_captions(path: str | Path) -> list[Caption]:

@@ -33,7 +33,7 @@ _GROUPS = {
 
 EDITS = {"crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking"}
 """Pose edits, which end the labels of the copies they make, and the kinds of their own that these are: copies are many,
-and would drown the few recordings in a kind with them."""
+and would outweigh the few recordings in a kind with them."""
 
 
 def kind(source: str, label: str) -> str:

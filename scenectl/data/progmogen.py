@@ -14,6 +14,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from scenes.errors import UserError
+from scenes.validation import sentence
 
 FPS = 20.0
 """Frames a second of the benchmark's lengths."""
@@ -86,7 +87,5 @@ def load_progmogen(path: str | Path) -> ProgMoGenPrompts:
     try:
         rows = _File.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise UserError(f"ProgMoGen prompt file '{path}': {where}: {first['msg'].lower()}") from error
+        raise UserError(f"ProgMoGen prompt file '{path}': {sentence(error, content, _File)}") from error
     return ProgMoGenPrompts(tuple(rows.hsi1), tuple(rows.n32), tuple(rows.hoi1))

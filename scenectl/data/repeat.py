@@ -1,4 +1,4 @@
-"""Longer copies of motions that repeat themselves: a walk of four steps goes on for as many more as one likes."""
+"""Longer copies of motions that repeat themselves: a walk of four steps goes on for many more."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class Tokenised(Protocol):
         """Raw features after a round trip through tokens: the best that these tokens can do; T a multiple of four."""
         ...
 
-    def babble(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
+    def from_random_tokens(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
         """Raw features of tokens drawn uniformly: what a generator makes that has learnt nothing."""
         ...
 
@@ -48,24 +48,24 @@ class HeldOut:
     kinds: list[str]
 
     @classmethod
-    def of(cls, windows: ClipSet, spec: Spec, seed: int, most: int | None = None) -> HeldOut:
+    def of(cls, data: ClipSet, spec: Spec, seed: int, most: int | None = None) -> HeldOut:
         """All clips that are as long as a generator's shortest motion, or `most` of them at random.
 
         Raises:
             UserError: there is no such clip.
         """
         draw = torch.Generator().manual_seed(seed)
-        order = torch.randperm(len(windows.ids), generator=draw).tolist()
+        order = torch.randperm(len(data.ids), generator=draw).tolist()
         shortest, longest = math.ceil(spec.shortest * FPS), round(spec.window * FPS)
-        chosen = sorted([i for i in order if int(windows.lengths[i]) >= shortest][:most])
+        chosen = sorted([i for i in order if int(data.lengths[i]) >= shortest][:most])
         if not chosen:
             raise UserError(f"no test clip has {shortest} frames; evaluate on a folder with longer ones")
         features, captions = [], []
         for i in chosen:
-            frames = min(int(windows.lengths[i]), longest) // STRIDE * STRIDE
-            features.append(windows.features[windows.starts[i] :][:frames])
-            captions.append(windows.captions[i][int(torch.randint(len(windows.captions[i]), (), generator=draw))])
-        return cls(features, captions, [windows.groups[i] for i in chosen])
+            frames = min(int(data.lengths[i]), longest) // STRIDE * STRIDE
+            features.append(data.features[data.starts[i] :][:frames])
+            captions.append(data.captions[i][int(torch.randint(len(data.captions[i]), (), generator=draw))])
+        return cls(features, captions, [data.groups[i] for i in chosen])
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def of_random_tokens(clips: HeldOut, generator: Tokenised, seed: int) -> MotionS
     """Motions of tokens drawn uniformly, as long as the clips."""
     draw = torch.Generator().manual_seed(seed)
     return MotionSet.of(
-        "random tokens", [features_to_joints(generator.babble(len(f), draw))[0] for f in clips.features]
+        "random tokens", [features_to_joints(generator.from_random_tokens(len(f), draw))[0] for f in clips.features]
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Int
@@ -15,7 +17,7 @@ from scenectl.data.clips import ClipSet, prepare
 from scenectl.evaluation import contrastive, kinds
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig
 from scenectl.evaluation.kinds import KindClassifier
-from scenectl.evaluation.motions import LONGEST, SHORTEST, Padded
+from scenectl.evaluation.motions import LONGEST, SHORTEST, MotionEncoder, Padded
 from scenectl.networks.checkpoint import save_weights
 from scenectl.networks.text import load_text_encoder
 from scenectl.training.captions import Captions
@@ -30,7 +32,7 @@ class EvaluatorTraining(BaseModel):
     Attributes:
         contrastive, kinds: length and speed of each.
         shortest: share of a clip that a training sample shows at least.
-        noise: standard deviation added to normalised features: few clips are easily learnt by heart.
+        noise: standard deviation added to normalised features: without it the networks overfit on few clips.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -52,24 +54,14 @@ def train_evaluator(data: Path, out: Path, seed: int = 0, settings: EvaluatorTra
     """
     settings = settings or EvaluatorTraining()
     clips = prepare(data, ["train"], MIRRORED, out / "data", seed)
-    whole = _Whole(clips, settings)
-    loops = {
-        contrastive.FILE: _train_contrastive(whole, out, seed),
-        kinds.FILE: _train_kinds(whole, out, seed),
-    }
-    folder = out / "weights"
+    whole, folder = _Whole(clips, settings), out / "weights"
     licence, credits = clips.terms()
-    for file, loop in loops.items():
-        about = {"config": _config(loop.averaged), "licence": licence, "credits": credits, "part": Path(file).stem}
-        save_weights(loop.averaged, folder / file, about, half=True)
+    for task, loop in (_contrastive(whole, seed), settings.contrastive), (_kinds(whole, seed), settings.kinds):
+        name = Path(task.file).stem
+        trained = _train(task, whole, loop, out / name, seed).averaged
+        about = {"config": task.config, "licence": licence, "credits": credits, "part": name}
+        save_weights(trained, folder / task.file, about, half=True)
     return folder
-
-
-def _config(module: nn.Module) -> dict[str, object]:
-    if isinstance(module, Contrastive):
-        return module.config.model_dump(mode="json")
-    assert isinstance(module, KindClassifier)
-    return module.config
 
 
 @dataclass
@@ -98,41 +90,47 @@ class _Whole:
         return Padded.of(noisy), chosen
 
 
-def _train_contrastive(whole: _Whole, out: Path, seed: int) -> Loop:
+class _Task(NamedTuple):
+    """A network to train: its file, its motion encoder, its description, and its loss on a batch of these clips."""
+
+    file: str
+    model: nn.Module
+    encoder: MotionEncoder
+    config: dict[str, Any]
+    loss: Callable[[Padded, Int[Tensor, " B"], torch.Generator], Tensor]
+
+
+def _contrastive(whole: _Whole, seed: int) -> _Task:
     config = ContrastiveConfig()
     captions = Captions(whole.data, load_text_encoder(config.text))
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Contrastive(config)
-    loop = _loop(
-        model, model.motion.mean, model.motion.std, whole, whole.settings.contrastive, out / "contrastive", seed
-    )
 
-    def step(_: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
-        batch, clips = whole.draw(whole.settings.contrastive.batch, generator)
-        return model.loss(batch, captions.draw(clips, generator).sentence), {}
+    def loss(batch: Padded, clips: Int[Tensor, " B"], draw: torch.Generator) -> Tensor:
+        return model.loss(batch, captions.draw(clips, draw).sentence)
 
-    loop.run(step)
-    return loop
+    return _Task(contrastive.FILE, model, model.motion, config.model_dump(mode="json"), loss)
 
 
-def _train_kinds(whole: _Whole, out: Path, seed: int) -> Loop:
+def _kinds(whole: _Whole, seed: int) -> _Task:
     names = sorted({whole.data.groups[i] for i in whole.clips.tolist()})
     wanted = torch.tensor([names.index(group) if group in names else -1 for group in whole.data.groups])
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = KindClassifier(names)
-    loop = _loop(model, model.encoder.mean, model.encoder.std, whole, whole.settings.kinds, out / "kinds", seed)
+    return _Task(
+        kinds.FILE, model, model.encoder, model.config, lambda batch, clips, _: model.loss(batch, wanted[clips])
+    )
+
+
+def _train(task: _Task, whole: _Whole, settings: LoopSettings, folder: Path, seed: int) -> Loop:
+    mean, std = whole.data.statistics()
+    task.encoder.mean.copy_(mean)
+    task.encoder.std.copy_(std)
+    loop = Loop(task.model, settings, folder, seed)
 
     def step(_: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
-        batch, clips = whole.draw(whole.settings.kinds.batch, generator)
-        return model.loss(batch, wanted[clips]), {}
+        batch, clips = whole.draw(settings.batch, generator)
+        return task.loss(batch, clips, generator), {}
 
     loop.run(step)
     return loop
-
-
-def _loop(
-    model: nn.Module, mean: Tensor, std: Tensor, whole: _Whole, settings: LoopSettings, folder: Path, seed: int
-) -> Loop:
-    for buffer, value in zip((mean, std), whole.data.statistics(), strict=True):
-        buffer.copy_(value)
-    return Loop(model, settings, folder, seed)

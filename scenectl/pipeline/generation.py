@@ -9,8 +9,8 @@ from scenectl.control import FreeStart, GuidanceSettings, ObjectiveGuide, Solver
 from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.solvers.problem import Solution
 from scenectl.generators.base import Generator, Progress, silent
-from scenectl.generators.conditions import Conditions
 from scenectl.generators.prompts import Prompts
+from scenectl.tasks.conditions import conditions_of
 from scenes.motion.motion import Motion, Pose2D
 
 
@@ -42,7 +42,6 @@ def make(
     solver: SolverSettings | None = None,
     guidance: GuidanceSettings | None = None,
     free_start: bool = False,
-    conditions: Conditions | None = None,
     samples: int = 1,
     seed: int = 0,
     progress: Progress = silent,
@@ -51,8 +50,9 @@ def make(
 
     Args:
         generator: of any family.
-        prompts, seconds, start, conditions, samples, seed: as `Generator.generate` takes them.
-        objective: the goals; without any, the draft is the motion.
+        prompts, seconds, start, samples, seed: as `Generator.generate` takes them.
+        objective: the goals; without any, the draft is the motion. Families that take goals as inputs are told their
+            targets.
         context: scene and body.
         solver, guidance: settings.
         free_start: where motions begin is solved for, from `start` on.
@@ -60,6 +60,8 @@ def make(
     """
     unknown = FreeStart(start.position) if free_start else None
     guide = ObjectiveGuide(objective, context, guidance, unknown) if objective.counted else None
+    takes = "conditions" in generator.spec.abilities and unknown is None
+    conditions = conditions_of(objective, context, start, seconds, generator.spec) if takes else None
     draft = generator.generate(
         prompts, seconds, start, conditions=conditions, guide=guide, samples=samples, seed=seed, progress=progress
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,13 @@ from scenectl.data.clips import ClipSet, census
 from scenectl.data.features import FPS
 from scenectl.training.loop import Loop
 from scenes.files import atomic_write
+
+_COLUMNS = ("part", "iterations", "minutes", "parameters", "last loss", "frames a second")
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Lines of a Markdown table."""
+    return [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", *(f"| {' | '.join(row)} |" for row in rows)]
 
 
 def write_card(
@@ -49,16 +56,14 @@ def write_card(
         f"{data.recorded_hours:.2f} hours as recorded at 20 fps, {data.hours:.2f} with augmented copies, which the "
         "tables count.",
         "",
-        *(line for what, count in frames.items() for line in _hours_table(what, count)),
+        *(line for what, count in frames.items() for line in (*_hours_table(what, count), "")),
         "Credits and terms of the sources:",
         "",
         *(f"- {credit}" for credit in credits),
         "",
         "## Training",
         "",
-        "| part | iterations | minutes | parameters | last loss | frames a second |",
-        "|---|---|---|---|---|---|",
-        *(_row(part, loop) for part, loop in loops.items()),
+        *table(_COLUMNS, (_row(part, loop) for part, loop in loops.items())),
         "",
         *remarks,
         "![loss curves](curves.png)",
@@ -73,15 +78,14 @@ def write_card(
 
 
 def _hours_table(what: str, frames: Mapping[str, int]) -> list[str]:
-    rows = [f"| {name} | {count / FPS / 3600:.2f} |" for name, count in sorted(frames.items())]
-    return [f"| {what} | hours |", "|---|---|", *rows, ""]
+    return table((what, "hours"), ((name, f"{count / FPS / 3600:.2f}") for name, count in sorted(frames.items())))
 
 
-def _row(part: str, loop: Loop) -> str:
+def _row(part: str, loop: Loop) -> tuple[str, ...]:
     parameters = sum(p.numel() for p in loop.module.parameters()) / 1e6
     last = f"{loop.curve[-1]['loss']:.3f}" if loop.curve else "-"
     rate = f"{loop.frames_per_second:,.0f}" if loop.frames_per_second is not None else "-"
-    return f"| {part} | {loop.iteration} | {loop.seconds / 60:.0f} | {parameters:.2f} M | {last} | {rate} |"
+    return part, f"{loop.iteration}", f"{loop.seconds / 60:.0f}", f"{parameters:.2f} M", last, rate
 
 
 def _draw_curves(loops: Mapping[str, Loop], path: Path) -> None:

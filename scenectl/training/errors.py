@@ -12,6 +12,7 @@ from torch import Tensor
 
 from scenectl.data.clips import ClipSet
 from scenectl.data.features import FPS, features_to_joints
+from scenectl.training.card import table
 from scenes.motion.skeleton import HUMANML3D
 
 RoundTrip = Callable[[Float[Tensor, "C T 263"]], Float[Tensor, "C T 263"]]
@@ -105,29 +106,30 @@ Row = Mapping[str, Any]
 
 def source_table(by_length: Mapping[str, Mapping[str, Row]]) -> list[str]:
     """Lines of a card for `error_by_source`, by number of frames."""
-    rows = ["| frames | clips | set | global joints | local joints | root at the end |", "|---|---|---|---|---|---|"]
-    for frames, sets in by_length.items():
-        for name, figures in sets.items():
-            rows.append(
-                f"| {frames} | {figures['clips']:.0f} | {name} | {figures['global_error_m'] * 1000:.0f} mm "
-                f"| {figures['local_error_m'] * 1000:.0f} mm | {figures['root_drift_m'] * 1000:.0f} mm |"
-            )
-    return rows
+    names = "global_error_m", "local_error_m", "root_drift_m"
+    rows = [
+        (frames, f"{row['clips']:.0f}", name, *(_mm(row[figure]) for figure in names))
+        for frames, sets in by_length.items()
+        for name, row in sets.items()
+    ]
+    return table(("frames", "clips", "set", "global joints", "local joints", "root at the end"), rows)
 
 
 def joint_table(errors: Mapping[str, Row]) -> list[str]:
     """Lines of a card for `error_by_joint`."""
-    rows = ["| joint | global | local |", "|---|---|---|"]
-    return rows + [
-        f"| {name.replace('_', ' ')} | {row['global_error_m'] * 1000:.0f} mm | {row['local_error_m'] * 1000:.0f} mm |"
-        for name, row in errors.items()
-    ]
+    rows = ((name.replace("_", " "), _mm(e["global_error_m"]), _mm(e["local_error_m"])) for name, e in errors.items())
+    return table(("joint", "global", "local"), rows)
 
 
 def band_table(bands: Sequence[Row]) -> list[str]:
     """Lines of a card for `error_by_band`."""
-    rows = ["| band | real | reconstructed | difference |", "|---|---|---|---|"]
-    for row in bands:
-        real, got, error = (1000 * row[f"{name}_rms_m"] for name in ("true", "reconstructed", "error"))
-        rows.append(f"| {row['low_hz']:g} to {row['high_hz']:g} Hz | {real:.1f} mm | {got:.1f} mm | {error:.1f} mm |")
-    return rows
+    names = "true", "reconstructed", "error"
+    rows = (
+        (f"{row['low_hz']:g} to {row['high_hz']:g} Hz", *(_mm(row[f"{name}_rms_m"], 1) for name in names))
+        for row in bands
+    )
+    return table(("band", "real", "reconstructed", "difference"), rows)
+
+
+def _mm(metres: float, digits: int = 0) -> str:
+    return f"{metres * 1000:.{digits}f} mm"

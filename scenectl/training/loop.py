@@ -65,10 +65,10 @@ class LoopSettings(BaseModel):
 
 
 class Loop:
-    """Trains one module; everything it knows is in `folder`, so that a killed run goes on where it was.
+    """Trains one module; its whole state is in `folder`, so that a killed run goes on where it was.
 
     Every iteration seeds its own random numbers from the run's seed and its index, so that a resumed run
-    sees exactly what an uninterrupted one would have seen. The state on disk knows no device: a run may go on
+    sees exactly what an uninterrupted one would have seen. The state on disk is of no device: a run may go on
     elsewhere than where it began (dropout and rounding then differ, as they do between machines).
     """
 
@@ -225,7 +225,7 @@ class Loop:
             moments = {
                 k: tensors[f"moment.{i}.{k}"] for k in ("step", "exp_avg", "exp_avg_sq") if f"moment.{i}.{k}" in tensors
             }
-            if moments:  # the count of steps stays on the CPU, where AdamW wants it
+            if moments:  # the count of steps stays on the CPU, where AdamW expects it
                 self.optimiser.state[parameter] = {
                     k: t if k == "step" else t.to(parameter.device) for k, t in moments.items()
                 }

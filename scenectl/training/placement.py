@@ -37,9 +37,6 @@ class Placement:
         """The prompt on the device."""
         return TextFeatures(*(part.to(self.device) for part in (prompt.sentence, prompt.words, prompt.mask)))
 
-    def __str__(self) -> str:
-        return f"{self.device.type} in {str(self.compute).removeprefix('torch.')}"
-
 
 def place(device: str = "auto", precision: Precision = "auto") -> Placement:
     """Choose a device and a precision.

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scenectl.data.augment import Augmentation
 from scenectl.training.placement import Precision
 from scenes.errors import UserError, did_you_mean
+from scenes.validation import sentence
 
 R = TypeVar("R", bound="Recipe")
 
@@ -79,7 +80,7 @@ class Recipe(BaseModel):
         try:
             return type(self).model_validate(table)
         except ValidationError as error:
-            raise UserError(f"recipe '{self.name}': {_first(error)}") from error
+            raise UserError(f"recipe '{self.name}': {sentence(error, table, type(self))}") from error
 
 
 def load_recipe(name: str | Path, kind: type[R]) -> R:
@@ -93,10 +94,11 @@ def load_recipe(name: str | Path, kind: type[R]) -> R:
         kind: the family's own class of recipes.
     """
     path = _find(name, Path())
+    table = _table(path, ())
     try:
-        return kind.model_validate(_table(path, ()))
+        return kind.model_validate(table)
     except ValidationError as error:
-        raise UserError(f"training config '{path}': {_first(error)}") from error
+        raise UserError(f"training config '{path}': {sentence(error, table, kind)}") from error
 
 
 def family_of(name: str | Path) -> str | None:
@@ -144,8 +146,3 @@ def _keys(table: Mapping[str, Any], prefix: str = "") -> list[str]:
     for key, value in table.items():
         found += _keys(value, f"{prefix}{key}.") if isinstance(value, dict) else [f"{prefix}{key}"]
     return found
-
-
-def _first(error: ValidationError) -> str:
-    first = error.errors()[0]
-    return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg'].lower()}"

@@ -111,60 +111,53 @@ class Training(Generic[R]):
     text: tuple[str, str] | None = None
     comparison: Comparison | None = None
 
+    def with_text(self, recipe: R, encoder: str) -> R:
+        """The recipe with another text encoder, and networks of its width; raises UserError where none is read."""
+        if self.text is None:
+            raise UserError(f"generator '{recipe.family}' reads no text; train it without a text encoder")
+        name, width = self.text
+        return recipe.varied({name: encoder, width: load_text_encoder(encoder).dim})
+
     @property
     def commands(self) -> tuple[str, ...]:
         """What can be run by name: stages, "export", and what is measured on exported weights."""
         return (*(stage.name for stage in self.stages), "export", *self.measured)
 
 
+@dataclass
 class Run(Generic[R]):
     """One recipe on one data folder.
 
     Attributes:
-        recipe: with the text encoder that is really used.
+        plan: of the family.
+        recipe: networks, data and settings.
+        data: folder of the motions.
         out: folder of the run; each stage's state lies in a folder of its own inside.
+        iterations: instead of the recipe's, for every stage.
+        where: device and precision; the CPU in float32 by default.
+        cache: folder of prepared data, which runs can share; one inside `out` by default.
+        stages: those that the recipe has settings for.
     """
 
-    def __init__(
-        self,
-        plan: Training[R],
-        recipe: R,
-        data: Path,
-        out: Path,
-        iterations: int | None = None,
-        text: str | None = None,
-        where: Placement | None = None,
-        cache: Path | None = None,
-    ) -> None:
-        """Set up a run; nothing is trained yet.
+    plan: Training[R]
+    recipe: R
+    data: Path
+    out: Path
+    iterations: int | None = None
+    where: Placement = field(default_factory=Placement)
+    cache: Path | None = None
 
-        Args:
-            plan: of the family.
-            recipe: networks, data and settings.
-            data: folder of the motions.
-            out: folder of the run.
-            iterations: instead of the recipe's, for every stage.
-            text: text encoder instead of the recipe's; the networks take its width.
-            where: device and precision; the CPU in float32 by default.
-            cache: folder of prepared data, which runs can share; one inside `out` by default.
-        """
-        self.plan, self.recipe, self.data, self.out, self.iterations = plan, recipe, data, out, iterations
-        self.where, self.cache = where or Placement(), cache or out / "data"
-        self.stages = {stage.name: stage for stage in plan.stages if getattr(recipe, stage.name) is not None}
-        if text is not None:
-            if plan.text is None:
-                raise UserError(f"generator '{recipe.family}' reads no text; train it without a text encoder")
-            name, width = plan.text
-            self.recipe = recipe.varied({name: text, width: load_text_encoder(text).dim})
+    def __post_init__(self) -> None:
+        self.stages = {each.name: each for each in self.plan.stages if getattr(self.recipe, each.name) is not None}
 
     def clips(self, splits: Sequence[str], augmented: bool) -> ClipSet:
         """Clips of some splits, with the recipe's augmentation or as they were recorded."""
-        recipe = self.recipe
+        recipe, cache = self.recipe, self.cache or self.out / "data"
         augmentation = recipe.augmentation if augmented else None
-        return load_clips(self.data, splits, augmentation, self.cache, recipe.seed, recipe.commercial_only)
+        return load_clips(self.data, splits, augmentation, cache, recipe.seed, recipe.commercial_only)
 
     def encoder(self, device: str | None = None) -> TextEncoder:
-        """The text encoder, on the run's device or another; raises UserError where networks want another width."""
+        """The text encoder, on the run's device or another; raises UserError where networks take another width."""
         assert self.plan.text is not None
         name, width = (self.recipe.value(key) for key in self.plan.text)
         encoder = load_text_encoder(name, device or self.where.device.type)

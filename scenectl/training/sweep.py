@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from scenectl.training.card import table
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, Variant, load_recipe
 from scenectl.training.stages import Comparison, Run, Training
@@ -53,7 +54,7 @@ def sweep(
     data: Path,
     out: Path,
     iterations: int,
-    where: Placement | None = None,
+    where: Placement,
     tell: Tell | None = None,
     measure: Measure | None = None,
 ) -> list[Row]:
@@ -100,8 +101,7 @@ def shortened(plan: Training[R], recipe: R, iterations: int) -> R:
 def write_table(rows: Sequence[Row], path: Path, title: str) -> None:
     """Write rows as a Markdown table (`path`.md) and as JSON (`path`.json), each whole or not at all."""
     columns = list(dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, dict)))
-    lines = [f"# {title}", "", f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
-    lines += [f"| {' | '.join(_cell(row.get(column)) for column in columns)} |" for row in rows]
+    lines = [f"# {title}", "", *table(columns, ([_cell(row.get(column)) for column in columns] for row in rows))]
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path.with_suffix(".md"), "w") as file:
         file.write("\n".join([*lines, ""]))

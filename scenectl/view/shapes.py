@@ -120,7 +120,13 @@ def tube(points: np.ndarray, radius: float, sides: int = 12) -> Hull:
     third = np.cross(along, across)
     turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)[:, None]
     normals = np.cos(turn) * across[:, None] - np.sin(turn) * third[:, None]
-    placed = points[:, None] + radius * normals
+    # In the plane of a bend its ring is a wider ellipse, so that the tube keeps its width on both sides.
+    bends = np.zeros_like(along)
+    bends[1:-1] = np.diff(steps, axis=0)
+    wide = 2.0 / np.sqrt(np.maximum(4.0 - np.square(bends).sum(1), 1.0)) - 1.0
+    bends /= np.maximum(np.linalg.norm(bends, axis=1, keepdims=True), 1e-9)
+    wider = normals + (wide[:, None] * (normals @ bends[..., None])[..., 0])[..., None] * bends[:, None]
+    placed = points[:, None] + radius * wider
     return Hull(placed.reshape(-1, 3), _strips(len(points), sides), normals.reshape(-1, 3))
 
 

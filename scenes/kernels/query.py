@@ -16,7 +16,7 @@ from scenes.kernels import helper, kernel
 CHUNK = 256
 
 _X, _Y, _Z = 0, CHUNK, 2 * CHUNK  # where in its voxel a point lies
-_CORNERS = 3 * CHUNK  # values at the corners, in the order (x, y, z) = 000 001 010 ... 111
+_CORNERS = 3 * CHUNK  # four rows of pairs along z, at (x, y) = 00 01 10 11: twice as long as the others
 _VALUE, _DX, _DY, _DZ = 11 * CHUNK, 12 * CHUNK, 13 * CHUNK, 14 * CHUNK
 _ROWS = 15 * CHUNK
 
@@ -77,17 +77,17 @@ def _prepared(points, begin, count, shape, origin, over, local, voxel, share):
 
 @helper
 def _fetched(values, voxel, count, rows, depth, into):
-    """Values at the corners of voxels."""
+    """Values at the corners of voxels: of neighbours along z together, which the compiler then moves as one."""
     one, y, x = np.uint64(1), np.uint64(depth), np.uint64(rows * depth)
     for i in range(count):
-        at, to = np.uint64(voxel[i]), _CORNERS + i
-        into[to], into[to + CHUNK] = values[at], values[at + one]
-        at += y
-        into[to + 2 * CHUNK], into[to + 3 * CHUNK] = values[at], values[at + one]
-        at += x
-        into[to + 6 * CHUNK], into[to + 7 * CHUNK] = values[at], values[at + one]
-        at -= y
-        into[to + 4 * CHUNK], into[to + 5 * CHUNK] = values[at], values[at + one]
+        at, to = np.uint64(voxel[i]), _CORNERS + 2 * i
+        into[to], into[to + 1] = values[at], values[at + one]
+        at, to = at + y, to + 2 * CHUNK
+        into[to], into[to + 1] = values[at], values[at + one]
+        at, to = at + x, to + 4 * CHUNK
+        into[to], into[to + 1] = values[at], values[at + one]
+        at, to = at - y, to - 2 * CHUNK
+        into[to], into[to + 1] = values[at], values[at + one]
 
 
 @helper
@@ -95,11 +95,12 @@ def _summed(s, over):
     """Collapse z, then y, then x; the differences met on the way are the partial derivatives."""
     for i in range(CHUNK):
         x, y, z = s[_X + i], s[_Y + i], s[_Z + i]
-        c = _CORNERS + i
-        z0, z1 = s[c + CHUNK] - s[c], s[c + 3 * CHUNK] - s[c + 2 * CHUNK]
-        z2, z3 = s[c + 5 * CHUNK] - s[c + 4 * CHUNK], s[c + 7 * CHUNK] - s[c + 6 * CHUNK]
-        f0, f1 = s[c] + z0 * z, s[c + 2 * CHUNK] + z1 * z
-        f2, f3 = s[c + 4 * CHUNK] + z2 * z, s[c + 6 * CHUNK] + z3 * z
+        c = _CORNERS + 2 * i
+        c0, c2, c4, c6 = s[c], s[c + 2 * CHUNK], s[c + 4 * CHUNK], s[c + 6 * CHUNK]
+        z0, z1 = s[c + 1] - c0, s[c + 2 * CHUNK + 1] - c2
+        z2, z3 = s[c + 4 * CHUNK + 1] - c4, s[c + 6 * CHUNK + 1] - c6
+        f0, f1 = c0 + z0 * z, c2 + z1 * z
+        f2, f3 = c4 + z2 * z, c6 + z3 * z
         y0, y1 = f1 - f0, f3 - f2
         line = f0 + y0 * y
         dx = f2 + y1 * y - line
@@ -120,9 +121,10 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
         origin: of node 0, double.
         spacing: metres a voxel.
         beyond: sign of the distance that is added outside.
-        points: x, y, z of one after the other, flat: only then does the compiler know how far apart they are.
-            `value` and `gradient` (flat, or empty) have their precision.
+        points: x, y, z of one after the other, ``[n, 3]`` in one piece; `value` ``[n]`` and `gradient` ``[n, 3]``,
+            or empty, have their precision.
     """
+    points, gradient = points.reshape(-1), gradient.reshape(-1)  # only then the compiler knows how far apart they are
     voxel, local = np.zeros(CHUNK, np.int32), np.zeros(3 * CHUNK, points.dtype)
     scratch = np.zeros(_ROWS, points.dtype)
     scratch[0] = 1.0 / spacing

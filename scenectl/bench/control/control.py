@@ -21,10 +21,11 @@ from scenectl.bench.control.keyframes import (
     longest,
     usable_clips,
 )
-from scenectl.bench.control.rivals import METHODS, Case, remembering, ways
+from scenectl.bench.control.rivals import METHODS, Case, Way, possible, remembering, ways
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control.refine.body_costs import bone_errors
 from scenectl.data.corpus import Clip
-from scenectl.generators.base import Generator, Progress, silent
+from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenes.errors import UserError, did_you_mean
@@ -42,33 +43,32 @@ TRIES = 300
 """Draws of a pillar; with fewer than `PILLARS` found by then, a scene has fewer."""
 _CLEAR = Term("sdf_penetration", {"margin": 0.03}, kernel="squared", reduction="sum", weight=300.0)
 
-Row = dict[str, Any]
-
 
 def bench_control(
     generator: Generator,
     data: str | Path,
     clips: int = 2,
-    methods: Sequence[str] = METHODS,
+    methods: Sequence[str] = (),
     joints: Sequence[str] = JOINTS,
     densities: Sequence[str] = tuple(DENSITIES),
     scenes: Sequence[str] = ("empty",),
     shortest: int = SHORTEST,
     seed: int = 0,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Every method on every case, in turn, at batch 1; texts are encoded before the clock starts.
 
     Args:
         generator: whose tokens and decoder all methods share.
         data: folder of the motion collection.
         clips: test clips for each joint and density.
-        methods, joints, densities: those of `METHODS`, `JOINTS` and `DENSITIES` that shall run.
+        methods: of `METHODS`; by default all that run with the generator.
+        joints, densities: of `JOINTS` and `DENSITIES`.
         scenes: "empty", or "pillars" that stand close to the recording's way, which touches none; there a body has to
             keep out of them besides.
         shortest: frames that a clip has at least; with 196, all are as long as a motion can be.
         seed: of clips, frames and motions.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Raises:
         UserError: a method, joint, density or scene that is not known, or no clip.
@@ -83,24 +83,31 @@ def bench_control(
         for name in given:
             if name not in known:
                 raise UserError(f"unknown '{name}'{did_you_mean(name, known)}")
-    generator, spec = remembering(generator), generator.spec
+    generator, spec, methods = remembering(generator), generator.spec, methods or possible(generator)
     usable = usable_clips(data, spec, shortest)
     cases = [case for scene in scenes for case in _cases(usable, spec, clips, joints, densities, scene, seed)]
-    chosen = ways(generator, cases, methods, progress)
-    rows = []
-    for i, case in enumerate(cases):
-        progress(f"{case.keyframes.joint} {case.density}", i / len(cases))
-        free = case.keyframes.drafted(generator).motion
-        scorer = Scorer(case.scene)
-        rows.append(
-            _row("uncontrolled", case, free, free, scorer) | {"seconds": 0.0, "refine_seconds": 0.0, "passes": 0}
-        )
-        for name, way in chosen.items():
-            began = time.perf_counter()
-            made = way(case)
-            cost = {"seconds": time.perf_counter() - began, "refine_seconds": made.seconds, "passes": made.passes}
-            rows.append(_row(name, case, made.motion, made.unrefined, scorer) | cost)
-    return {"summary": _summary(rows, methods, longest(spec)), "rows": rows}
+    chosen = ways(generator, cases, methods, engine.progress)
+    return engine.run(
+        [(f"{case.keyframes.joint} {case.density}", case) for case in cases],
+        lambda case: _measured(generator, chosen, case),
+        lambda rows: _summary(rows, methods, longest(spec)),
+        {
+            "bench": "control", "data": data, "clips": clips, "methods": methods, "joints": joints,
+            "densities": densities, "scenes": scenes, "shortest": shortest, "seed": seed,
+        },
+    )  # fmt: skip
+
+
+def _measured(generator: Generator, ways: Mapping[str, Way], case: Case) -> list[Row]:
+    """A row for the sample without control and for each way."""
+    free, scorer = case.keyframes.drafted(generator).motion, Scorer(case.scene)
+    rows = [_row("uncontrolled", case, free, free, scorer) | {"seconds": 0.0, "refine_seconds": 0.0, "passes": 0}]
+    for name, way in ways.items():
+        began = time.perf_counter()
+        made = way(case)
+        cost = {"seconds": time.perf_counter() - began, "refine_seconds": made.seconds, "passes": made.passes}
+        rows.append(_row(name, case, made.motion, made.unrefined, scorer) | cost)
+    return rows
 
 
 def _cases(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ from torch import Tensor
 
 from objectives import Objective, Term, diagnosis
 from scenectl.bench.control.keyframes import ON_FLOOR, longest, usable_clips
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
 from scenectl.control.refine.body_costs import BodyCosts, bone_errors
 from scenectl.control.thresholds import THRESHOLDS
 from scenectl.data.features import FPS, canonicalise
-from scenectl.generators.base import Generator, Progress
+from scenectl.generators.base import Generator
+from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import max_acceleration
 from scenectl.pipeline.generation import make
 from scenes.motion.motion import Motion, Pose2D
@@ -43,13 +45,24 @@ class _Ask:
     culprits: tuple[tuple[str, int], ...]
 
 
+@dataclass(frozen=True)
+class _Case:
+    """What is asked of a motion of a caption, instead of the recorded one."""
+
+    kind: str
+    caption: str
+    real: Motion
+    ask: _Ask
+    seed: int
+
+
 def bench_implausible(
     generator: Generator,
     data: str | Path,
     clips: int = 8,
     seed: int = 0,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Five keyframes of a wrist, a foot or the pelvis from a test motion, spoilt in one of `KINDS` of ways.
 
     Every case is made three times from one seed: without control, with goals and the body's cost
@@ -60,7 +73,7 @@ def bench_implausible(
         data: folder of the motion collection.
         clips: test clips for each kind.
         seed: of clips, frames and motions.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary", "rows"}``, a row for each case and way (`natural`, `goals alone`): bone errors (mean distance of
@@ -68,19 +81,22 @@ def bench_implausible(
         uncontrolled motion's, how far (m) a foot is lifted that stood in the motion before refinement, and whether the
         diagnosis names the spoilt target.
     """
-    tell = progress or (lambda what, done: None)
+    return engine.run(
+        _cases(generator.spec, data, clips, seed),
+        lambda case: _measured(generator, case),
+        _summary,
+        {"bench": "implausible", "data": data, "clips": clips, "seed": seed},
+    )
+
+
+def _cases(spec: Spec, data: str | Path, clips: int, seed: int) -> Iterator[tuple[str, _Case]]:
     draw = torch.Generator().manual_seed(seed)
-    usable = usable_clips(data, generator.spec)
+    usable = usable_clips(data, spec)
     usable = [clip for clip in usable if clip.source == "bandai"] or usable
-    rows: list[dict[str, Any]] = []
     for kind in KINDS:
         for number, i in enumerate(torch.randperm(len(usable), generator=draw)[:clips].tolist()):
-            tell(kind, (len(rows) / 2) / (len(KINDS) * clips))
-            clip = usable[i]
-            real = Motion(canonicalise(clip.joints[: longest(generator.spec)]))
-            ask = _asked(kind, real, draw)
-            rows += _case(generator, kind, clip.captions[0], real, ask, seed + number)
-    return {"summary": _summary(rows), "rows": rows}
+            real = Motion(canonicalise(usable[i].joints[: longest(spec)]))
+            yield kind, _Case(kind, usable[i].captions[0], real, _asked(kind, real, draw), seed + number)
 
 
 def _asked(kind: str, real: Motion, draw: torch.Generator) -> _Ask:
@@ -107,19 +123,21 @@ def _term(name: str, joint: str, wanted: Float[Tensor, "K 3"], at: Tensor) -> Te
     return Term("joint_target", target, tolerance=TOLERANCE, at=(at / FPS).tolist(), name=name)
 
 
-def _case(generator: Generator, kind: str, prompt: str, real: Motion, ask: _Ask, seed: int) -> list[dict[str, Any]]:
-    objective = Objective(ask.terms)
-    free = generator.generate(prompt, real.seconds, Pose2D(), seed=seed).motion
+def _measured(generator: Generator, case: _Case) -> list[Row]:
+    objective, real, culprits = Objective(case.ask.terms), case.real, case.ask.culprits
+    free = generator.generate(case.caption, real.seconds, Pose2D(), seed=case.seed).motion
     rows = []
     for way, settings in (("natural", SolverSettings()), ("goals alone", SolverSettings(natural=False))):
         began = time.perf_counter()
-        made = make(generator, prompt, real.seconds, Pose2D(), objective, ON_FLOOR, solver=settings, seed=seed)
+        made = make(
+            generator, case.caption, real.seconds, Pose2D(), objective, ON_FLOOR, solver=settings, seed=case.seed
+        )
         seconds = time.perf_counter() - began
         assert made.unrefined is not None and made.solution is not None
         natural = BodyCosts.beside(made.unrefined, objective, ON_FLOOR)
         sentence = diagnosis(objective, made.motion[0], ON_FLOOR) or ""
         rows.append({
-            "kind": kind,
+            "kind": case.kind,
             "way": way,
             "frames": real.frames,
             "ended": made.solution.reasons[0],
@@ -130,7 +148,7 @@ def _case(generator: Generator, kind: str, prompt: str, real: Motion, ask: _Ask,
             "lift_m": float(natural.lift(made.motion)),
             "max_acceleration_m_per_frame2": float(max_acceleration(made.motion[0])),
             "max_acceleration_free_m_per_frame2": float(max_acceleration(free[0])),
-            "named": not ask.culprits or any(_names(sentence, *culprit) for culprit in ask.culprits),
+            "named": not culprits or any(_names(sentence, *culprit) for culprit in culprits),
             "seconds": seconds,
             "diagnosis": sentence,
         })  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,10 +16,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective, Term
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
 from scenectl.data.corpus import Clip, load_motions
 from scenectl.data.features import FPS, canonicalise
-from scenectl.generators.base import Draft, Generator, Guide, Progress
+from scenectl.generators.base import Draft, Generator, Guide
 from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.pipeline.generation import Made, make
@@ -106,8 +107,8 @@ def bench_keyframes(
     keyframes: int = 5,
     seed: int = 0,
     solver: SolverSettings | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Targets from test clips of 64 to 196 frames, one joint each in turn, beside the same prompt without control.
 
     Args:
@@ -117,21 +118,26 @@ def bench_keyframes(
         keyframes: targets in each, at random frames.
         seed: of clips, frames and motions.
         solver: instead of the default.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary": ..., "rows": ...}``; metres, seconds, ratios.
     """
-    tell = progress or (lambda what, done: None)
+    settings = {"bench": "keyframes", "data": data, "clips": clips, "keyframes": keyframes, "seed": seed}
+    return engine.run(
+        _cases(generator.spec, data, clips, keyframes, seed),
+        lambda asked: [_row(generator, asked, solver or SolverSettings())],
+        lambda rows: {"clips": len(rows), "keyframes": keyframes, **_summary(rows)},
+        {**settings, "solver": solver},
+    )
+
+
+def _cases(spec: Spec, data: str | Path, clips: int, keyframes: int, seed: int) -> Iterator[tuple[str, Keyframes]]:
     draw = torch.Generator().manual_seed(seed)
-    usable = usable_clips(data, generator.spec)
-    rows = []
-    for i, number in enumerate(chosen := torch.randperm(len(usable), generator=draw)[:clips].tolist()):
+    usable = usable_clips(data, spec)
+    for i, number in enumerate(torch.randperm(len(usable), generator=draw)[:clips].tolist()):
         joint = JOINTS[i % len(JOINTS)]
-        tell(f"keyframes: {joint}", i / len(chosen))
-        asked = Keyframes.drawn(usable[number], generator.spec, joint, keyframes, draw, seed + i)
-        rows.append(_row(generator, asked, solver or SolverSettings()))
-    return {"summary": {"clips": len(rows), "keyframes": keyframes, **_summary(rows)}, "rows": rows}
+        yield f"keyframes: {joint}", Keyframes.drawn(usable[number], spec, joint, keyframes, draw, seed + i)
 
 
 def longest(spec: Spec) -> int:
@@ -151,7 +157,7 @@ def usable_clips(data: str | Path, spec: Spec, shortest: int = SHORTEST) -> list
     return usable
 
 
-def _row(generator: Generator, asked: Keyframes, solver: SolverSettings) -> dict[str, Any]:
+def _row(generator: Generator, asked: Keyframes, solver: SolverSettings) -> Row:
     free = asked.drafted(generator).motion
     began = time.perf_counter()
     made = asked.made(generator, solver)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,10 @@ import torch
 
 from objectives import Objective, Term
 from scenectl.bench.control.keyframes import ON_FLOOR
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import GuidanceSettings, SolverSettings
 from scenectl.data.progmogen import FPS, HeadHeights, ProgMoGenPrompts, Prompt, load_progmogen
-from scenectl.generators.base import Generator, Progress
+from scenectl.generators.base import Generator
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.pipeline.generation import make
 from scenes.errors import UserError, did_you_mean
@@ -198,6 +199,14 @@ class _Setup:
         seconds = time.perf_counter() - began
         return {"controlled": control, **score(case, made.motion[0]), "seconds": seconds}
 
+    def rows(self, case: Case) -> list[Row]:
+        """One with control, one without."""
+        facts = {"task": case.task, "index": case.index, "caption": case.caption, "length_frames": case.length}
+        if case.heights is not None:
+            facts |= {"head_heights_m": list(case.heights), "hard": case.hard}
+        made = (self.make(case, control) for control in (True, False))
+        return [{**facts, **{key: _plain(value) for key, value in figures.items()}} for figures in made]
+
 
 def bench_progmogen(
     generator: Generator,
@@ -208,8 +217,8 @@ def bench_progmogen(
     seed: int = 0,
     solver: SolverSettings | None = None,
     guidance: GuidanceSettings | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Run the tasks, each prompt once with control and once without, one generation each.
 
     Args:
@@ -220,7 +229,7 @@ def bench_progmogen(
         padded: see `cases`.
         seed: the i-th prompt's is this plus i.
         solver, guidance: as in a task file.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary": {task: {"controlled": means, "uncontrolled": means, ...}}, "rows": [...]}``, ready for JSON.
@@ -235,29 +244,25 @@ def bench_progmogen(
     given = prompts if isinstance(prompts, ProgMoGenPrompts) else load_progmogen(prompts)
     work = [case for task in tasks for case in cases(given, task, (counts or {}).get(task), padded)]
     setup = _Setup(generator, seed, solver or _SOLVER, guidance or GuidanceSettings())
-    rows = list(_rows(setup, work, progress or (lambda what, done: None)))
-    summary: dict[str, Any] = {task: _summary([row for row in rows if row["task"] == task]) for task in tasks}
-    summary["generator"] = {"name": generator.name, "licence": generator.licence}
-    summary["settings"] = {
+    settings = {
         "seed": seed,
         "hsi3_frames": "padded to 196" if padded else "cropped to the length",
         "solver": setup.solver.model_dump(),
         "guidance": setup.guidance.model_dump(),
     }
-    summary["not_computed"] = ["R-precision", "FID"]
-    return {"summary": summary, "rows": rows}
 
+    def summary(rows: Sequence[Row]) -> dict[str, Any]:
+        return {
+            **{task: _summary([row for row in rows if row["task"] == task]) for task in tasks},
+            "generator": {"name": generator.name, "licence": generator.licence},
+            "settings": settings,
+            "not_computed": ["R-precision", "FID"],
+        }
 
-def _rows(setup: _Setup, work: Sequence[Case], progress: Progress) -> Iterator[dict[str, Any]]:
-    for done, case in enumerate(work):
-        progress(f"{case.task}: {case.caption[:50]}", done / len(work))
-        facts = {"task": case.task, "index": case.index, "caption": case.caption, "length_frames": case.length}
-        if case.heights is not None:
-            facts |= {"head_heights_m": list(case.heights), "hard": case.hard}
-        for control in (True, False):
-            figures = setup.make(case, control)
-            yield {**facts, **{key: _plain(value) for key, value in figures.items()}}
-    progress("done", 1.0)
+    named = [(f"{case.task}: {case.caption[:50]}", case) for case in work]
+    result = engine.run(named, setup.rows, summary, {"bench": "progmogen", "cases": work, **settings})
+    engine.progress("done", 1.0)
+    return result
 
 
 def _plain(value: float | bool) -> float | bool | None:

@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 import torch
 
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
 from scenectl.control.refine.body_costs import stretches
-from scenectl.generators.base import Generator, Progress
+from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
 from scenectl.tasks.schema import Start, Walk
 from scenectl.tasks.task import Task
+from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from scenes.world.floor.planning import FreeArea, free_area
@@ -38,7 +40,7 @@ LOW = {"corridor": (1.4, "a person walks forward and ducks")}
 """Scenes in which one ducks: the height (m) that is free along the path, and the prompt."""
 UPRIGHT = 1.8
 CLOSE, SHALLOW, QUICK = 0.05, 0.01, 1.0
-"""What a task shall keep to: metres from the target, metres deep in anything at worst, seconds to make it."""
+"""Stricter bounds, each with a rate of its own: metres from the target, metres deep at worst, seconds to make it."""
 TRIES = 200
 """Draws a task after which a room counts as too small to walk in."""
 
@@ -46,7 +48,7 @@ GOALS: tuple[dict[str, Any], ...] = (
     {"use": "sdf_penetration", "margin": 0.03, "kernel": "squared", "reduction": "sum", "weight": 300.0},
     {"use": "foot_contact", "kernel": "squared", "reduction": "sum", "weight": 100.0},
 )
-"""What a walk shall respect besides its path: a body's distance from the scene, and feet on the ground."""
+"""Goals of a walk besides its path: a body's distance from the scene, and feet on the ground."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,8 @@ def bench_rooms(
     samples: int = 4,
     radius: float = 0.35,
     solver: SolverSettings | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Walk through each mesh `tasks` times.
 
     Args:
@@ -89,7 +91,7 @@ def bench_rooms(
             soon as one of them meets all goals.
         radius: clearance (m) of starts, targets and paths.
         solver: instead of the default.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary": ..., "rows": ...}``; metres, seconds, ratios.
@@ -97,25 +99,34 @@ def bench_rooms(
     Raises:
         UserError: an unreadable mesh, or a room with no space to walk.
     """
-    tell = progress or (lambda what, done: None)
-    rows: list[dict[str, Any]] = []
-    rejected: dict[str, dict[str, int]] = {}
-    for scene in _scenes(meshes):
-        height, prompt = LOW.get(scene.name, (UPRIGHT, PROMPT))
-        area = free_area(scene, radius, height)
-        room = Room(scene.name, scene, area, Scorer(scene), height, prompt, Counter())
-        for i, task in enumerate(_tasks(room, tasks, seed, radius, solver or SolverSettings(enough=1))):
-            tell(room.name, i / tasks)
-            rows.append({"mesh": room.name, "task": i, **_walk(room, task, generator, samples, seed + i)})
-        rejected[room.name] = dict(room.rejected)
-    return {"summary": {**_summary(rows), "rejected": rejected, "body": Scorer(scene).body.source}, "rows": rows}
+    solver = solver or SolverSettings(enough=1)
+    rooms: list[Room] = []
+
+    def cases() -> Iterator[tuple[str, tuple[Room, int, Task]]]:
+        for mesh in meshes or FALLBACK:
+            room = _room(mesh, radius)
+            rooms.append(room)
+            for i, task in enumerate(_tasks(room, tasks, seed, radius, solver)):
+                yield room.name, (room, i, task)
+
+    def walked(case: tuple[Room, int, Task]) -> list[Row]:
+        room, i, task = case
+        return [{"mesh": room.name, "task": i, **_walk(room, task, generator, samples, seed + i)}]
+
+    def summary(rows: Sequence[Row]) -> dict[str, Any]:
+        rejected = {room.name: dict(room.rejected) for room in rooms}
+        return {**_summary(rows), "rejected": rejected, "body": DEFAULT_BODY.source}
+
+    settings = {"bench": "rooms", "meshes": meshes, "tasks": tasks, "seed": seed, "samples": samples, "radius": radius}
+    total = tasks * len(meshes or FALLBACK)
+    return engine.run(cases(), walked, summary, {**settings, "solver": solver}, total)
 
 
-def _scenes(meshes: Sequence[str | Path]) -> Iterator[Scene]:
-    if meshes:
-        yield from (load_scene(mesh) for mesh in meshes)
-    else:
-        yield from (bundled(name) for name in FALLBACK)
+def _room(mesh: str | Path, radius: float) -> Room:
+    """A mesh's room, or a bundled scene of `FALLBACK`."""
+    scene = bundled(mesh) if mesh in FALLBACK else load_scene(mesh)
+    height, prompt = LOW.get(scene.name, (UPRIGHT, PROMPT))
+    return Room(scene.name, scene, free_area(scene, radius, height), Scorer(scene), height, prompt, Counter())
 
 
 def _tasks(room: Room, count: int, seed: int, radius: float, solver: SolverSettings) -> Iterator[Task]:

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from objectives import Context, Objective, Term
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import FreeStart, ObjectiveGuide, SolverSettings, refine
 from scenectl.control.refine.body_costs import BodyCosts, bone_errors
 from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.thresholds import THRESHOLDS, Thresholds, entries
-from scenectl.generators.base import Generator, Progress, Step, silent
+from scenectl.generators.base import Generator, Step
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.primitives import Box
@@ -64,8 +65,8 @@ def bench_thresholds(
     names: Sequence[str] = (),
     factors: Sequence[float] = FACTORS,
     seed: int = 0,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Refine the drafts of `CASES` with the table as it is, and with each entry multiplied by each factor.
 
     Args:
@@ -73,7 +74,7 @@ def bench_thresholds(
         names: entries of `scenectl.control.thresholds`; all of them by default.
         factors: on the entry's value; whole numbers are rounded, and stay above 0.
         seed: of the drafts.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary", "rows"}``: a row for each entry and factor with the share of cases whose goals are met, the mean
@@ -89,16 +90,22 @@ def bench_thresholds(
             raise UserError(f"unknown threshold '{name}'{did_you_mean(name, table)}")
     drafts = list(_drafts(generator, seed))
     base = [_refined(draft, THRESHOLDS) for draft in drafts]
-    rows = [{"name": "(none)", "value": None, "unit": "", **_figures(base, base), "decides": "", "source": ""}]
-    changes = [(name, factor) for name in names or table for factor in factors]
-    for number, (name, factor) in enumerate(changes):
-        progress(f"thresholds: {name}", number / len(changes))
+    same = {"name": "(none)", "value": None, "unit": "", **_figures(base, base), "decides": "", "source": ""}
+
+    def rows(change: tuple[str, float | int]) -> list[Row]:
+        name, factor = change
+        if not name:
+            return [same]
         old = getattr(THRESHOLDS, name)
         value = max(1, round(factor * old)) if isinstance(old, int) else factor * old
-        thresholds = replace(THRESHOLDS, **{name: value})
-        found = [_refined(draft, thresholds) for draft in drafts]
-        rows.append({**table[name], "value": value, **_figures(found, base)})
-    return {"summary": {"cases": len(drafts), "seed": seed}, "rows": rows}
+        found = [_refined(draft, replace(THRESHOLDS, **{name: value})) for draft in drafts]
+        return [{**table[name], "value": value, **_figures(found, base)}]
+
+    changes: list[tuple[str, float | int]] = [("", 1.0), *((n, f) for n in names or table for f in factors)]
+    cases = [(f"thresholds: {name}", (name, factor)) for name, factor in changes]
+    return engine.run(
+        cases, rows, lambda _: {"cases": len(drafts), "seed": seed}, {"bench": "thresholds", "seed": seed}
+    )
 
 
 def _drafts(generator: Generator, seed: int) -> Iterator[_Draft]:

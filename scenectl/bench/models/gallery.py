@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
+from scenectl.bench.engine import ENGINE, Engine, Row
 from scenectl.data.corpus import load_motions
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
-from scenectl.generators.base import Generator, Progress
+from scenectl.generators.base import Generator
 from scenectl.measures.metrics import max_acceleration, path_length, skating_ratio
 from scenectl.view.strips import draw_strips
 from scenes.errors import UserError
@@ -31,7 +34,7 @@ PROMPTS = (
 """Twelve prompts with their seconds: easy ones first, some that are in no data last."""
 
 
-def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, tell: Progress | None = None) -> Path:
+def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, engine: Engine = ENGINE) -> Path:
     """Write a picture for each prompt and `README.md` with the figures of every sample; returns the page.
 
     Args:
@@ -39,32 +42,46 @@ def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, te
         folder: made where it does not exist.
         samples: motions a prompt.
         seed: of the motions.
-        tell: called with what is being done and the share done.
+        engine: tells progress, keeps rows and goes on from them.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    lines = [f"# Twelve prompts, {samples} samples each", "", f"Seed {seed}; nothing is picked.", ""]
-    for i, (prompt, seconds) in enumerate(PROMPTS):
-        if tell is not None:
-            tell(prompt, i / len(PROMPTS))
+
+    def drawn(case: tuple[str, str, float]) -> list[Row]:
+        picture, prompt, seconds = case
         motion = generator.generate(prompt, seconds, Pose2D(), samples=samples, seed=seed).motion
-        name = f"{i + 1:02d}.png"
-        draw_strips([(f"sample {s + 1}", motion.joints[s].numpy()) for s in range(samples)], folder / name)
-        lines += [f"## {i + 1}. {prompt}", "", f"![{prompt}]({name})", "", *_figures(motion), ""]
+        draw_strips([(f"sample {s + 1}", motion.joints[s].numpy()) for s in range(samples)], folder / picture)
+        return _rows(picture, prompt, motion)
+
+    cases = [(prompt, (f"{i + 1:02d}.png", prompt, seconds)) for i, (prompt, seconds) in enumerate(PROMPTS)]
+    result = engine.run(cases, drawn, lambda rows: {}, {"bench": "gallery", "samples": samples, "seed": seed})
     page = folder / "README.md"
     with atomic_write(page, "w") as file:
-        file.write("\n".join(lines))
+        file.write("\n".join(_page(result["rows"], samples, seed)))
     return page
 
 
-def _figures(motion: Motion) -> list[str]:
-    rows = zip(
-        path_length(motion).tolist(),
-        skating_ratio(motion).tolist(),
-        max_acceleration(motion).tolist(),
-        strict=True,
+def _rows(picture: str, prompt: str, motion: Motion) -> list[Row]:
+    """Figures of every sample of one prompt."""
+    figures = zip(
+        path_length(motion).tolist(), skating_ratio(motion).tolist(), max_acceleration(motion).tolist(), strict=True
     )
-    table = [f"| {s + 1} | {way:.2f} m | {skate:.2f} | {peak:.3f} |" for s, (way, skate, peak) in enumerate(rows)]
-    return ["| sample | path | skating | max. acceleration (m/frame²) |", "|---|---|---|---|", *table]
+    return [
+        {"prompt": prompt, "picture": picture, "sample": s + 1, "way_m": way, "skating": skating, "acceleration": peak}
+        for s, (way, skating, peak) in enumerate(figures)
+    ]
+
+
+def _page(rows: Sequence[Row], samples: int, seed: int) -> list[str]:
+    lines = [f"# Twelve prompts, {samples} samples each", "", f"Seed {seed}; nothing is picked.", ""]
+    for number, (prompt, mine) in enumerate(groupby(rows, lambda row: str(row["prompt"])), start=1):
+        some = list(mine)
+        table = [
+            f"| {row['sample']} | {row['way_m']:.2f} m | {row['skating']:.2f} | {row['acceleration']:.3f} |"
+            for row in some
+        ]
+        lines += [f"## {number}. {prompt}", "", f"![{prompt}]({some[0]['picture']})", ""]
+        lines += ["| sample | path | skating | max. acceleration (m/frame²) |", "|---|---|---|---|", *table, ""]
+    return lines
 
 
 def draw_edits(data: Path, png: Path, seed: int) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.bench.models.posterior import bench_posterior
 from scenectl.bench.models.tokenizer import bench_tokenizer
 from scenectl.data.clips import overlapping
@@ -28,7 +31,7 @@ from scenectl.evaluation.metrics import (
     repeated,
 )
 from scenectl.evaluation.sets import HeldOut, MotionSet, Tokenised, generated, of_random_tokens, real, reconstructed
-from scenectl.generators.base import Generator, Progress, silent
+from scenectl.generators.base import Generator, Progress
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.generators.mscot.training.measures import code_use, least_use
 from scenectl.measures.plausibility import plausibility
@@ -48,8 +51,8 @@ def bench_generator(
     clips: int | None = None,
     repeats: int = 20,
     seed: int = 0,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Evaluate a model on the test split.
 
     One motion is generated for each test clip, from its caption and of its length. R-precision and diversity are
@@ -63,47 +66,86 @@ def bench_generator(
         clips: at most so many test clips, by default all.
         repeats: of everything random.
         seed: of generated motions and draws.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary", "rows", "evaluator", "clips", "kinds"}``, a row for each set, and of MSCoT's tokens "code_use",
         "reconstruction" and "posterior".
     """
-    cache = default_cache() / "windows"
-    test = HeldOut.of(load_clips(data, ["test"], None, cache, 0), generator.spec, seed, clips)
+    test = HeldOut.of(load_clips(data, ["test"], None, _cache(), 0), generator.spec, seed, clips)
     # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
     check_enough(len(test.captions))
-    texts = evaluator.embed_texts(test.captions)
-    progress("reading motions", 0.0)
-    sets = [real(test)]
-    if isinstance(generator, Tokenised):
-        sets += [reconstructed(test, generator), of_random_tokens(test, generator, seed)]
-    sets.append(generated(test, generator, seed, progress))
-    progress("scoring", 0.0)
-    points = [evaluator.embed_motions(s.features) for s in sets]
-    rows = [_row(s, p, points[0], texts, repeats, seed) for s, p in zip(sets, points, strict=True)]
-    rows[-1]["multimodality"] = _multimodality(generator, evaluator, test, seed)
-    confusion = {s.name: Confusion.of(test.kinds, classifier.predict(s.features)) for s in sets}
-    for row in rows:
-        row["label_recall"] = confusion[str(row["set"])].macro_recall
-    kinds = {name: _kinds(found) for name, found in confusion.items()}
-    tokens = _tokens(generator, data, seed, progress) if isinstance(generator, MSCoT) else {}
-    return {
-        "summary": _summary(rows, kinds["generated"]["worst"]) | tokens.pop("summary", {}),
-        "rows": rows,
-        "evaluator": evaluator.name,
-        "clips": len(test.captions),
-        "kinds": kinds,
-        **tokens,
-    }
+    evaluation = _Evaluation(generator, evaluator, classifier, test, repeats, seed, engine.progress)
+    names = ("real", *(("reconstruction", "random tokens") if isinstance(generator, Tokenised) else ()), "generated")
+    result = engine.run(
+        [(f"motions: {name}", name) for name in names],
+        evaluation.rows,
+        _summary,
+        {
+            "bench": "generator", "evaluator": evaluator.name, "data": data, "clips": clips, "repeats": repeats,
+            "seed": seed,
+        },
+    )  # fmt: skip
+    result["kinds"] = {row["set"]: row.pop("kinds") for row in result["rows"]}
+    tokens = _tokens(generator, data, seed, engine.whole) if isinstance(generator, MSCoT) else {}
+    result["summary"] |= tokens.pop("summary", {})
+    return {**result, "evaluator": evaluator.name, "clips": len(test.captions), **tokens}
 
 
-def _tokens(generator: MSCoT, data: Path, seed: int, progress: Progress) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class _Evaluation:
+    """What the sets of motions have in common."""
+
+    generator: Generator
+    evaluator: Evaluator
+    classifier: KindClassifier
+    test: HeldOut
+    repeats: int
+    seed: int
+    progress: Progress
+
+    @cached_property
+    def texts(self) -> Float[Tensor, "N d"]:
+        return self.evaluator.embed_texts(self.test.captions)
+
+    @cached_property
+    def truth(self) -> Float[Tensor, "N d"]:
+        """Points of the real motions."""
+        return self.evaluator.embed_motions(real(self.test).features)
+
+    def motions(self, name: str) -> MotionSet:
+        """The set of that name."""
+        if name == "real":
+            return real(self.test)
+        if name == "generated":
+            return generated(self.test, self.generator, self.seed, self.progress)
+        assert isinstance(self.generator, Tokenised)
+        if name == "reconstruction":
+            return reconstructed(self.test, self.generator)
+        return of_random_tokens(self.test, self.generator, self.seed)
+
+    def rows(self, name: str) -> list[Row]:
+        """Everything about one set."""
+        motions = self.motions(name)
+        row = _row(
+            motions, self.evaluator.embed_motions(motions.features), self.truth, self.texts, self.repeats, self.seed
+        )
+        if name == "generated":
+            row["multimodality"] = _multimodality(self.generator, self.evaluator, self.test, self.seed)
+        confusion = Confusion.of(self.test.kinds, self.classifier.predict(motions.features))
+        return [{**row, "label_recall": confusion.macro_recall, "kinds": _kinds(confusion)}]
+
+
+def _cache() -> Path:
+    return default_cache() / "windows"
+
+
+def _tokens(generator: MSCoT, data: Path, seed: int, engine: Engine) -> dict[str, Any]:
     """What only a generator of tokens has: reconstruction, codes in use, and how good the guided posterior is."""
-    reconstruction = bench_tokenizer(generator, data)
-    train = load_clips(data, ["train"], None, default_cache() / "windows", 0)
+    reconstruction = bench_tokenizer(generator, data, engine=engine)
+    train = load_clips(data, ["train"], None, _cache(), 0)
     use = code_use(generator.bundle.tokenizer, overlapping(train, 64))
-    posterior = bench_posterior(generator, seed=seed, progress=progress)
+    posterior = bench_posterior(generator, seed=seed, engine=engine)
     keys = (
         "reconstruction_error_m", "reconstruction_error_other_m", "root_drift_m", "root_drift_other_m",
     )  # fmt: skip
@@ -126,7 +168,7 @@ def _row(
     texts: Tensor,
     repeats: int,
     seed: int,
-) -> dict[str, Any]:
+) -> Row:
     """Everything about one set; intervals are half-widths at 95 %."""
     ranks = [r_precision(texts, points, torch.Generator().manual_seed(seed + i)) for i in range(repeats)]
     top3 = repeated(lambda draw: float(ranks[draw.initial_seed() - seed][2]), repeats, seed)
@@ -182,7 +224,7 @@ def _kinds(found: Confusion) -> dict[str, Any]:
     }
 
 
-def _summary(rows: Sequence[Mapping[str, Any]], worst: str | None) -> dict[str, Any]:
+def _summary(rows: Sequence[Row]) -> dict[str, Any]:
     by_name = {row["set"]: row for row in rows}
     truth, made = by_name["real"], by_name["generated"]
     return {
@@ -196,7 +238,7 @@ def _summary(rows: Sequence[Mapping[str, Any]], worst: str | None) -> dict[str, 
         "r_precision_top3_real": truth["r_precision_top3"],
         "label_recall": made["label_recall"],
         "label_recall_real": truth["label_recall"],
-        "worst_kind": worst,
+        "worst_kind": made["kinds"]["worst"],
     }
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import ObjectiveGuide
-from scenectl.generators.base import Generator, Guide, Progress, silent
+from scenectl.generators.base import Generator, Guide
 from scenectl.generators.mscot.posterior import Scale, clipped, exact_tilt, tilted
 from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.generators.mscot.schedule import tokens_for
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
@@ -28,9 +32,28 @@ KEYFRAMES = 5
 SECONDS = 3.2
 
 
+@dataclass(frozen=True)
+class _Case:
+    """One generation that is looked at.
+
+    Attributes:
+        prompt: its sentence.
+        seed: its own.
+        other: seed of the motion from which its keyframes are.
+        frames: of the keyframes.
+        positions: token positions that are compared, at each scale.
+    """
+
+    prompt: str
+    seed: int
+    other: int
+    frames: list[int]
+    positions: list[list[int]]
+
+
 def bench_posterior(
-    generator: Generator, generations: int = 8, positions: int = 1, seed: int = 0, progress: Progress = silent
-) -> dict[str, Any]:
+    generator: Generator, generations: int = 8, positions: int = 1, seed: int = 0, engine: Engine = ENGINE
+) -> Result:
     """Compare both posteriors at random positions of every scale, five pelvis keyframes being pursued.
 
     The exact posterior decodes every code at one position, the others at their means (Eq. 9). The keyframes are those
@@ -42,7 +65,7 @@ def bench_posterior(
         generations: motions, with each prompt in turn.
         positions: positions compared at each scale.
         seed: of motions, keyframes and positions.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Raises:
         UserError: the generator is no MSCoT model.
@@ -54,38 +77,50 @@ def bench_posterior(
     """
     if not isinstance(generator, MSCoT):
         raise UserError(f"generator '{generator.name}' has no token posterior to compare")
-    draw = torch.Generator().manual_seed(seed)
-    found: list[dict[str, float]] = []
+    found = engine.run(
+        [("posteriors", case) for case in _cases(generator, generations, positions, seed)],
+        partial(_measured, generator),
+        lambda rows: _summary(_by_scale(rows)),
+        {"bench": "posterior", "generations": generations, "positions": positions, "seed": seed},
+    )
+    return found if "left" in found else {**found, "rows": _by_scale(found["rows"])}
+
+
+def _cases(generator: MSCoT, generations: int, positions: int, seed: int) -> Iterator[_Case]:
+    draw, length = torch.Generator().manual_seed(seed), generator.spec.frames(SECONDS)
+    tokens = generator.quantiser.lengths(tokens_for(length))
+    for i in range(generations):
+        frames = 1 + torch.randperm(length - 1, generator=draw)[:KEYFRAMES]
+        at = [torch.randint(n, (positions,), generator=draw).tolist() for n in tokens]
+        yield _Case(PROMPTS[i % len(PROMPTS)], seed + i, seed + 1000 + i, frames.tolist(), at)
+
+
+def _measured(generator: MSCoT, case: _Case) -> list[Row]:
+    """A row for each position that is compared."""
+    rows: list[Row] = []
 
     def compared(scale: Scale, guide: Guide) -> Tensor:
-        length = scale.prior.shape[1]
-        for at in torch.randint(length, (positions,), generator=draw).tolist():
-            found.append({"scale": scale.k + 1.0, "positions": float(length), **_compare(scale, guide, at)})
+        for at in case.positions[scale.k]:
+            about = {"scale": scale.k + 1.0, "positions": float(scale.prior.shape[1])}
+            rows.append({**about, **_compare(scale, guide, at)})
         return tilted(scale, guide)
 
-    for i in range(generations):
-        progress("posteriors", i / generations)
-        prompt = PROMPTS[i % len(PROMPTS)]
-        guide = _keyframes(generator, prompt, seed + 1000 + i, draw)
+    guide = ObjectiveGuide(_keyframes(generator, case), Context(Scene.empty(), DEFAULT_BODY))
+    observed = MSCoT(generator.bundle, generator.sampling, compared)
+    observed.generate(case.prompt, SECONDS, Pose2D(), guide=guide, seed=case.seed)
+    return rows
 
-        MSCoT(generator.bundle, generator.sampling, compared).generate(
-            prompt, SECONDS, Pose2D(), guide=guide, seed=seed + i
+
+def _keyframes(generator: MSCoT, case: _Case) -> Objective:
+    """Five pelvis positions of another sample of the same prompt."""
+    other = generator.generate(case.prompt, SECONDS, Pose2D(), seed=case.other).motion
+    places = other.joint("pelvis")[0]
+    return Objective(
+        tuple(
+            Term("joint_target", {"joint": "pelvis", "position": places[frame].tolist()}, at=frame / other.fps)
+            for frame in case.frames
         )
-    rows = [_mean(found, k + 1) for k in range(generator.quantiser.scales)]
-    total = sum(row["positions"] for row in rows)
-    keys = ("kl_nats", "kl_unclipped_nats", "code_distance")
-    return {"summary": {key: sum(row[key] * row["positions"] for row in rows) / total for key in keys}, "rows": rows}
-
-
-def _keyframes(generator: MSCoT, prompt: str, seed: int, draw: torch.Generator) -> ObjectiveGuide:
-    """A guide to five pelvis positions of another sample of the same prompt."""
-    other = generator.generate(prompt, SECONDS, Pose2D(), seed=seed).motion.joints[0, :, 0]
-    frames = 1 + torch.randperm(len(other) - 1, generator=draw)[:KEYFRAMES]
-    terms = tuple(
-        Term("joint_target", {"joint": "pelvis", "position": other[frame].tolist()}, at=frame / generator.spec.fps)
-        for frame in frames.tolist()
     )
-    return ObjectiveGuide(Objective(terms), Context(Scene.empty(), DEFAULT_BODY))
 
 
 @torch.no_grad()
@@ -105,6 +140,14 @@ def _kl(exact: Float[Tensor, "S V"], approximate: Float[Tensor, "S V"]) -> float
     return float((exact.exp() * (exact - approximate.log_softmax(-1))).sum(-1).mean())
 
 
-def _mean(found: list[dict[str, float]], scale: int) -> dict[str, float]:
-    here = [row for row in found if row["scale"] == scale]
-    return {key: sum(row[key] for row in here) / len(here) for key in here[0]}
+def _by_scale(rows: Sequence[Row]) -> list[Row]:
+    """Means over the generations and positions of each scale."""
+    scales = sorted({row["scale"] for row in rows})
+    grouped = [[row for row in rows if row["scale"] == scale] for scale in scales]
+    return [{key: sum(row[key] for row in here) / len(here) for key in here[0]} for here in grouped]
+
+
+def _summary(rows: Sequence[Row]) -> dict[str, float]:
+    total = sum(row["positions"] for row in rows)
+    keys = ("kl_nats", "kl_unclipped_nats", "code_distance")
+    return {key: sum(row[key] * row["positions"] for row in rows) / total for key in keys}

@@ -6,7 +6,7 @@ Every tool bakes the same cube of nodes in processes of its own, in turn; each g
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from statistics import median
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.bench.scenes.meshes import KNOWN, mesh_named
 from scenectl.bench.scenes.peers import OURS, TOOLS, Cube, Run, store, timed
 from scenectl.generators.base import Progress
@@ -31,7 +32,6 @@ ACCURATE = 0.01
 """Voxels: a tool whose distances near the surface are worse is no measure of how fast one can be."""
 PADDING = 0.1
 SAMPLES = 10_000
-Row = dict[str, Any]
 
 
 def bench_bake(
@@ -40,9 +40,8 @@ def bench_bake(
     resolution: int = 256,
     runs: int = 3,
     timeout: float | int = 900.0,
-    progress: Progress | None = None,
-    keep: Callable[[Mapping[str, Any]], None] | None = None,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Bake cubes around meshes with every tool, one after the other.
 
     Args:
@@ -51,38 +50,42 @@ def bench_bake(
         resolution: nodes along each axis of the cube.
         runs: of each tool on each mesh, in turn (A, B, C, A, B, C); costs are their medians.
         timeout: seconds after which a bake, with its imports, is given up and not tried again.
-        progress: told what comes next.
-        keep: given the result so far after every round of all tools.
+        engine: tells progress, keeps the rows of every mesh and goes on from them.
 
     Raises:
         UserError: an unknown mesh or tool, no tool that is installed, or a resolution out of range.
     """
     check_resolution(resolution)
     chosen, skipped = _installed(tools or tuple(TOOLS))
-    tell = progress or (lambda what, done: None)
-    rows: list[Row] = []
+    names = tuple(dict.fromkeys(meshes or KNOWN))
+    settings = {"resolution": resolution, "runs": runs, "timeout_s": timeout}
+    versions = {name: TOOLS[name].version for name in chosen}
 
-    def result() -> dict[str, Any]:
-        settings = {"resolution": resolution, "runs": runs, "timeout_s": timeout}
-        versions = {name: TOOLS[name].version for name in chosen}
-        return {"summary": settings | {"tools": versions, "skipped": dict(skipped)} | summary(rows), "rows": rows}
+    def baked(case: tuple[float, Mesh]) -> list[Row]:
+        return _rounds(*case, chosen, resolution, runs, timeout, engine.progress)
 
-    for number, mesh in enumerate(_at_hand(meshes, skipped)):
-        done = number / len(meshes or KNOWN)
-        tell(f"{mesh.name}: {len(mesh.faces)} triangles, exact distances and winding numbers", done)
-        with tempfile.TemporaryDirectory(prefix="scenectl-bake-") as folder:
-            contest = Contest.of(mesh, resolution, Path(folder))
-            earlier = len(rows)
-            for _ in range(runs):
-                for tool in chosen:
-                    run = contest.run(tool, timeout)
-                    if run is not None:
-                        cost = run.note or f"{run.cpu_s:.2f} s of CPU"
-                        tell(f"{mesh.name}: {tool} {cost}", done)
-                rows[earlier:] = [contest.row(tool) for tool in chosen]
-                if keep is not None:
-                    keep(result())
-    return result()
+    return engine.run(
+        _at_hand(names, bool(meshes), skipped),
+        baked,
+        lambda rows: settings | {"tools": versions, "skipped": dict(skipped)} | summary(rows),
+        {"bench": "bake", "meshes": names, "tools": versions, **settings},
+        len(names),
+    )
+
+
+def _rounds(
+    done: float, mesh: Mesh, tools: Sequence[str], resolution: int, runs: int, timeout: float | int, progress: Progress
+) -> list[Row]:
+    """A row for each tool, after so many rounds in which each bakes the mesh once; `done` is what is told with it."""
+    progress(f"{mesh.name}: {len(mesh.faces)} triangles, exact distances and winding numbers", done)
+    with tempfile.TemporaryDirectory(prefix="scenectl-bake-") as folder:
+        contest = Contest.of(mesh, resolution, Path(folder))
+        for _ in range(runs):
+            for tool in tools:
+                run = contest.run(tool, timeout)
+                if run is not None:
+                    progress(f"{mesh.name}: {tool} {run.note or f'{run.cpu_s:.2f} s of CPU'}", done)
+        return [contest.row(tool) for tool in tools]
 
 
 def _installed(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
@@ -96,17 +99,20 @@ def _installed(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     return chosen, skipped
 
 
-def _at_hand(names: Sequence[str], skipped: dict[str, str]) -> Iterator[Mesh]:
-    """The meshes by name; without names all that can be had, and why others cannot goes into `skipped`."""
-    for name in dict.fromkeys(names or KNOWN):
+def _at_hand(names: Sequence[str], asked: bool, skipped: dict[str, str]) -> Iterator[tuple[str, tuple[float, Mesh]]]:
+    """The meshes by name, each with the fraction of those before it.
+
+    A mesh that cannot be had is an error where it was `asked` for; else the reason goes into `skipped`.
+    """
+    for number, name in enumerate(names):
         try:
             mesh = mesh_named(name)
         except UserError as error:
-            if names:
+            if asked:
                 raise
             skipped[name] = str(error)
             continue
-        yield mesh
+        yield mesh.name, (number / len(names), mesh)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.generators.base import Progress
+from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.mesh.mesh import Mesh, joined
 from scenes.mesh.surface import Surface
@@ -146,23 +148,31 @@ def _triangles(solid: Any) -> tuple[np.ndarray, np.ndarray]:
 # ------------------------------------------------------------------------------------------------------------ measuring
 
 
-def bench_building(
-    spacing: float = 0.02, width: float = WIDTH, seed: int = 0, progress: Progress | None = None
-) -> dict[str, Any]:
+def bench_building(spacing: float = 0.02, width: float = WIDTH, seed: int = 0, engine: Engine = ENGINE) -> Result:
     """Bake a building in a process of its own, and compare its blocks with libigl's distances and a dense grid's speed.
 
     Args:
         spacing: of the finest nodes, metres.
         width: of the building, metres.
         seed: of its plan and of the points that are compared.
+        engine: tells progress, keeps what was measured and takes it again.
     """
+
+    def measured(width: float) -> list[Row]:
+        return [_measured(spacing, width, seed, engine.progress)]
+
+    settings = {"bench": "building", "spacing": spacing, "width": width, "seed": seed}
+    found = engine.run([("building", width)], measured, lambda rows: rows[0], settings)
+    return {**found, "rows": []}
+
+
+def _measured(spacing: float, width: float, seed: int, progress: Progress) -> Row:
     import tempfile
     from pathlib import Path
 
-    tell = progress or (lambda what, done: None)
     with tempfile.TemporaryDirectory() as folder:
         where = Path(folder) / "blocks.npz"
-        tell("baking", 0.1)
+        progress("baking", 0.1)
         call = [sys.executable, "-m", "scenectl.bench.scenes.building", str(where), str(spacing), str(width), str(seed)]
         done = subprocess.run(call, capture_output=True, text=True, check=False)
         if done.returncode:
@@ -170,10 +180,10 @@ def bench_building(
         facts = json.loads(done.stdout)
         field = SdfBlocks.load(where)
     mesh = building(seed, width)
-    tell("comparing", 0.6)
+    progress("comparing", 0.6)
     errors = _errors(field, mesh, seed)
-    tell("asking", 0.9)
-    summary = {
+    progress("asking", 0.9)
+    return {
         "size_m": " x ".join(f"{length:g}" for length in np.ptp(mesh.bounds, axis=0).round(3)),
         "triangles": len(mesh.faces),
         "spacing_m": spacing,
@@ -185,7 +195,6 @@ def bench_building(
         **errors,
         **_speed(field, mesh, seed),
     }
-    return {"summary": summary, "rows": []}
 
 
 def _errors(field: SdfBlocks, mesh: Mesh, seed: int, samples: int = 6000) -> dict[str, Any]:
@@ -220,15 +229,12 @@ def _speed(field: SdfBlocks, mesh: Mesh, seed: int) -> dict[str, float]:
     low, high = mesh.bounds
     walk = np.random.default_rng(seed).uniform(low, low + np.minimum(high - low, 4.0), (_POINTS, 3))
     points = torch.from_numpy(walk).float().requires_grad_()
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
     times: dict[str, list[float]] = {"blocks": [], "dense": []}
-    for _ in range(25):
-        for name, grid in (("blocks", field), ("dense", dense)):
+    with threads(1):
+        for name, grid in 25 * (("blocks", field), ("dense", dense)):
             begin = time.perf_counter()
             torch.autograd.grad(grid.distance(points).sum(), points)
             times[name].append(1000 * (time.perf_counter() - begin))
-    torch.set_num_threads(threads)
     return {f"query_{name}_ms": median(taken) for name, taken in times.items()}
 
 

@@ -13,20 +13,21 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.bench.control.keyframes import DENSITIES, FAILED, Keyframes, usable_clips
+from scenectl.bench.engine import Engine, Row
 from scenectl.bench.models.posterior import bench_posterior
 from scenectl.control import SolverSettings
 from scenectl.data.clips import beginnings
 from scenectl.data.corpus import Clip
 from scenectl.data.features import features_to_joints
 from scenectl.generators import load_generator
-from scenectl.generators.base import Generator
+from scenectl.generators.base import Generator, Progress
 from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
@@ -34,13 +35,14 @@ from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.generators.mscot.training.refiner import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenectl.threads import use
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Variant, load_recipe
 from scenectl.training.stages import Job, Run
 from scenectl.training.sweep import Measure, shortened, sweep, write_table
+from scenes.errors import UserError
 
-Row = dict[str, Any]
-Tell = Callable[[str, float], None]
+C = TypeVar("C")
 
 WINDOW = MSCoT.spec.window_frames
 
@@ -81,6 +83,7 @@ class Bench:
         clips: test clips wherever joints are controlled.
         device: "auto", "cpu" or "cuda", for training.
         threads: CPU threads; torch's choice by default.
+        family: of the generator that is taken apart.
     """
 
     data: Path
@@ -91,6 +94,7 @@ class Bench:
     clips: int = 12
     device: str = "auto"
     threads: int | None = None
+    family: str = MSCoT.name
 
     @cached_property
     def recipe(self) -> MSCoTRecipe:
@@ -103,7 +107,7 @@ class Bench:
     @cached_property
     def generator(self) -> MSCoT:
         """The finished weights behind the default sampling."""
-        found = load_generator("mscot", self.weights)
+        found = load_generator(self.family, self.weights)
         assert isinstance(found, MSCoT)
         return found
 
@@ -117,25 +121,51 @@ class Bench:
     def trained(
         self,
         variants: Sequence[Variant],
-        tell: Tell,
+        progress: Progress,
         measure: Measure | None = None,
     ) -> list[Row]:
         """Rows of small models."""
         models = self.out / "models"
-        return sweep(TRAINING, self.recipe, variants, self.data, models, self.iterations, self.where, tell, measure)
+        return sweep(TRAINING, self.recipe, variants, self.data, models, self.iterations, self.where, progress, measure)
+
+    def rows(
+        self, name: str, cases: Sequence[tuple[str, C]], measure: Callable[[C], Row], progress: Progress
+    ) -> list[Row]:
+        """A row for each case; those that an earlier run measured are taken again."""
+        settings = {
+            "ablation": name, "data": self.data, "config": self.config, "weights": self.weights,
+            "iterations": self.iterations, "clips": self.clips,
+        }  # fmt: skip
+        engine = Engine(progress, self.out / f"{name}.json")
+        found: list[Row] = engine.run(cases, lambda case: [measure(case)], lambda rows: {}, settings)["rows"]
+        return found
+
+    def table(
+        self, name: str, title: str, cases: Sequence[tuple[str, C]], measure: Callable[[C], Row], progress: Progress
+    ) -> list[Path]:
+        """`rows`, written."""
+        return self.written(name, title, self.rows(name, cases, measure, progress))
+
+    def written(self, name: str, title: str, rows: Sequence[Row]) -> list[Path]:
+        """A table of rows, as Markdown and JSON."""
+        write_table(rows, self.out / name, title)
+        Engine(file=self.out / f"{name}.json").close()
+        return [self.out / f"{name}.md", self.out / f"{name}.json"]
 
 
-def bench_ablations(bench: Bench, names: Sequence[str], tell: Tell) -> list[Path]:
-    """Run some of `ABLATIONS`; returns the files written."""
+def bench_ablations(bench: Bench, names: Sequence[str], progress: Progress) -> list[Path]:
+    """Run some of `ABLATIONS`; returns the files written. Raises UserError for a family that they do not take apart."""
+    if bench.family != MSCoT.name:
+        raise UserError(f"ablations take apart '{MSCoT.name}', and generator '{bench.family}' has none of its parts")
     if bench.threads is not None:
-        torch.set_num_threads(bench.threads)
+        use(bench.threads)
     written = []
     for name in names:
-        written += ABLATIONS[name](bench, lambda what, done, name=name: tell(f"{name}: {what}", done))  # type: ignore[misc]
+        written += ABLATIONS[name](bench, lambda what, done, name=name: progress(f"{name}: {what}", done))  # type: ignore[misc]
     return written
 
 
-def adaptive(bench: Bench, tell: Tell) -> list[Path]:
+def adaptive(bench: Bench, progress: Progress) -> list[Path]:
     """Table 7: one schedule that follows the length, against chunks of 64 frames and against 196 frames always."""
     batch = bench.recipe.tokenizer.loop.batch
     variants = (
@@ -159,8 +189,8 @@ def adaptive(bench: Bench, tell: Tell) -> list[Path]:
                 found[f"{name}acceleration_{frames}_m_per_frame2"] = float(joints.diff(n=2, dim=1).norm(dim=-1).mean())
         return found
 
-    rows = bench.trained(variants, tell, by_length)
-    return _table(bench, rows, "adaptive", "Adaptive scale against fixed scales, by length (the paper's Table 7)")
+    rows = bench.trained(variants, progress, by_length)
+    return bench.written("adaptive", "Adaptive scale against fixed scales, by length (the paper's Table 7)", rows)
 
 
 @torch.no_grad()
@@ -174,7 +204,7 @@ def in_chunks(tokenizer: Tokenizer, features: Float[Tensor, "C T 263"], chunk: i
     return got.reshape(clips, -1, features.shape[-1])[:, :frames]
 
 
-def codebook(bench: Bench, tell: Tell) -> list[Path]:
+def codebook(bench: Bench, progress: Progress) -> list[Path]:
     """Table 8: size and width of the codes, shared by all scales or not."""
     variants = [
         Variant(
@@ -188,17 +218,19 @@ def codebook(bench: Bench, tell: Tell) -> list[Path]:
         for shared in (True, False)
         for codes, dim in ((256, 128), (512, 64), (512, 128), (1024, 128))
     ]
-    return _table(bench, bench.trained(variants, tell), "codebook", "Codebook size and sharing (the paper's Table 8)")
+    return bench.written(
+        "codebook", "Codebook size and sharing (the paper's Table 8)", bench.trained(variants, progress)
+    )
 
 
-def scales(bench: Bench, tell: Tell) -> list[Path]:
+def scales(bench: Bench, progress: Progress) -> list[Path]:
     """Tables 10 and 11: number of scales, for reconstruction and for control."""
     variants = [Variant(name=f"K-{k}", set={"model.tokenizer.scales": s}) for k, s in SCHEDULES.items()]
-    rows = bench.trained(variants, tell, _control_columns(bench))
-    return _table(bench, rows, "scales", "Number of scales (the paper's Tables 10 and 11)")
+    rows = bench.trained(variants, progress, _control_columns(bench))
+    return bench.written("scales", "Number of scales (the paper's Tables 10 and 11)", rows)
 
 
-def normalised(bench: Bench, tell: Tell) -> list[Path]:
+def normalised(bench: Bench, progress: Progress) -> list[Path]:
     """Tables 4 and 12: unit codes with a gain for each scale against free ones, control and posterior."""
     variants = [
         Variant(name=name, set={"model.tokenizer.normalised": on}) for name, on in (("l2", True), ("euclidean", False))
@@ -210,11 +242,11 @@ def normalised(bench: Bench, tell: Tell) -> list[Path]:
         generator = load_generator("mscot", run.out / "weights")
         return {**found, **bench_posterior(generator, 2, positions=1)["summary"]}
 
-    rows = bench.trained(variants, tell, control_and_posterior)
-    return _table(bench, rows, "normalised", "Normalised against Euclidean codes (the paper's Tables 4 and 12)")
+    rows = bench.trained(variants, progress, control_and_posterior)
+    return bench.written("normalised", "Normalised against Euclidean codes (the paper's Tables 4 and 12)", rows)
 
 
-def losses(bench: Bench, tell: Tell) -> list[Path]:
+def losses(bench: Bench, progress: Progress) -> list[Path]:
     """Residual losses: joint positions, velocities, feet, amplitudes."""
     silent = {
         f"tokenizer.reconstruction.{name}": 0.0 for name in ("joints", "feet", "velocities", "contacts", "amplitudes")
@@ -228,8 +260,8 @@ def losses(bench: Bench, tell: Tell) -> list[Path]:
         "contacts": {"tokenizer.reconstruction.contacts": 10.0},
         "no-root": {"tokenizer.reconstruction.root": 0.0},
     }
-    rows = bench.trained([Variant(name=name, set=change) for name, change in changes.items()], tell)
-    return _table(bench, rows, "losses", "Residual losses of the tokenizer")
+    rows = bench.trained([Variant(name=name, set=change) for name, change in changes.items()], progress)
+    return bench.written("losses", "Residual losses of the tokenizer", rows)
 
 
 def _control_columns(bench: Bench) -> Measure:
@@ -244,31 +276,28 @@ def _control_columns(bench: Bench) -> Measure:
     return control
 
 
-def refiner(bench: Bench, tell: Tell) -> list[Path]:
+def refiner(bench: Bench, progress: Progress) -> list[Path]:
     """Table 14: token refiners on the finished weights' tokenizer."""
-    bundle, rows = bench.generator.bundle, []
-    recipe = shortened(TRAINING, bench.recipe, bench.iterations)
+    bundle, recipe = bench.generator.bundle, shortened(TRAINING, bench.recipe, bench.iterations)
     run = Run(TRAINING, recipe, bench.data, bench.out / "models", where=bench.where)
     test = beginnings(run.clips(["test"], False), 64)
-    for i, (name, changes) in enumerate(REFINERS.items()):
-        tell(name, i / len(REFINERS))
-        config = RefinerConfig.model_validate({**recipe.model.refiner.model_dump(), **changes})
+
+    def row(name: str) -> Row:
+        config = RefinerConfig.model_validate({**recipe.model.refiner.model_dump(), **REFINERS[name]})
         folder = bench.out / "models" / f"refiner-{config.kind}-{config.layers}-{bench.iterations}"
-        tokenizer = deepcopy(bundle.tokenizer)
-        data = run.clips(["train"], True).on(bench.where.device)
+        tokenizer, data = deepcopy(bundle.tokenizer), run.clips(["train"], True).on(bench.where.device)
         loop = train_refiner(config, tokenizer, recipe.refiner, Job(data, folder, recipe.seed, bench.where))
         trained = loop.averaged.cpu().eval().requires_grad_(False)
         assert isinstance(trained, Refiner)
-        generator = MSCoT(replace(bundle, refiner=trained))
-        rows.append(
-            {
-                "refiner": name,
-                "parameters_m": sum(p.numel() for p in trained.parameters()) / 1e6,
-                **_refined(bundle.tokenizer, trained, test),
-                **controlled(generator, bench.test_clips, 5),
-            }
-        )
-    return _table(bench, rows, "refiner", f"Token refiners, {bench.iterations} iterations (the paper's Table 14)")
+        return {
+            "refiner": name,
+            "parameters_m": sum(p.numel() for p in trained.parameters()) / 1e6,
+            **_refined(bundle.tokenizer, trained, test),
+            **controlled(MSCoT(replace(bundle, refiner=trained)), bench.test_clips, 5),
+        }
+
+    title = f"Token refiners, {bench.iterations} iterations (the paper's Table 14)"
+    return bench.table("refiner", title, [(name, name) for name in REFINERS], row, progress)
 
 
 @torch.no_grad()
@@ -289,21 +318,23 @@ def _refined(tokenizer: Tokenizer, network: Refiner, features: Float[Tensor, "C 
     return {**found, "refiner_s": seconds}
 
 
-def iterations(bench: Bench, tell: Tell) -> list[Path]:
+def iterations(bench: Bench, progress: Progress) -> list[Path]:
     """Fig. 9: what more refinement buys, and what it costs."""
-    steps, rows = (0, 10, 25, 50, 100, 200), []
-    for i, number in enumerate(steps):
-        tell(f"{number} iterations", i / len(steps))
-        solver = SolverSettings(iterations=number)
-        rows.append({"refinement_iterations": number, **controlled(bench.generator, bench.test_clips, 5, solver)})
-    picture = bench.out / "iterations.png"
     from scenectl.bench.studies.figures import draw_trade_off
 
+    cases = [(f"{number} iterations", number) for number in (0, 10, 25, 50, 100, 200)]
+
+    def row(number: int) -> Row:
+        solver = SolverSettings(iterations=number)
+        return {"refinement_iterations": number, **controlled(bench.generator, bench.test_clips, 5, solver)}
+
+    rows = bench.rows("iterations", cases, row, progress)
+    picture = bench.out / "iterations.png"
     draw_trade_off(rows, picture)
-    return [*_table(bench, rows, "iterations", "Refinement iterations (the paper's Fig. 9)"), picture]
+    return [*bench.written("iterations", "Refinement iterations (the paper's Fig. 9)", rows), picture]
 
 
-def refinement(bench: Bench, tell: Tell) -> list[Path]:
+def refinement(bench: Bench, progress: Progress) -> list[Path]:
     """What of guidance and refinement is worth how much: each left out in turn."""
     whole = bench.generator
     alike = MSCoT(whole.bundle, whole.sampling.model_copy(update={"clip_coarsest": 1.0}))
@@ -314,20 +345,23 @@ def refinement(bench: Bench, tell: Tell) -> list[Path]:
         "without polishing": (whole, SolverSettings(polish=False)),
         "without a body's costs": (whole, SolverSettings(natural=False)),
     }
-    rows: list[Row] = []
-    for i, (name, (generator, solver)) in enumerate(variants.items()):
-        tell(name, i / len(variants))
-        rows.append({"variant": name, **controlled(generator, bench.test_clips, 5, solver)})
-    return _table(bench, rows, "refinement", "Guidance and refinement, one part left out in turn")
+
+    def row(name: str) -> Row:
+        generator, solver = variants[name]
+        return {"variant": name, **controlled(generator, bench.test_clips, 5, solver)}
+
+    cases = [(name, name) for name in variants]
+    return bench.table("refinement", "Guidance and refinement, one part left out in turn", cases, row, progress)
 
 
-def densities(bench: Bench, tell: Tell) -> list[Path]:
+def densities(bench: Bench, progress: Progress) -> list[Path]:
     """Table 16: pelvis keyframes, from one to every frame."""
-    rows = []
-    for i, (name, density) in enumerate(DENSITIES.items()):
-        tell(f"density {name}", i / len(DENSITIES))
-        rows.append({"density": name, **controlled(bench.generator, bench.test_clips, density)})
-    return _table(bench, rows, "densities", "Control densities of the pelvis (the paper's Table 16)")
+    cases = [(f"density {name}", (name, density)) for name, density in DENSITIES.items()]
+
+    def row(case: tuple[str, int | float]) -> Row:
+        return {"density": case[0], **controlled(bench.generator, bench.test_clips, case[1])}
+
+    return bench.table("densities", "Control densities of the pelvis (the paper's Table 16)", cases, row, progress)
 
 
 def controlled(
@@ -378,19 +412,19 @@ def controlled(
     }
 
 
-def figures(bench: Bench, tell: Tell) -> list[Path]:
+def figures(bench: Bench, progress: Progress) -> list[Path]:
     """Fig. 5 to 8: what the scales hold, what guidance does at each, which codes are used and which are tilted."""
     from scenectl.bench.studies.figures import draw_code_use, draw_scales, draw_spectrogram, draw_tilt, guided_scales
     from scenectl.data.sources import load_clips
 
     test = load_clips(bench.data, ["test"], None, bench.out / "models" / "data", 0)
     generator = bench.generator
-    tell("spectrogram", 0.0)
+    progress("spectrogram", 0.0)
     spectrogram, use = bench.out / "spectrogram.png", bench.out / "code-use.png"
     draw_spectrogram(generator.bundle.tokenizer, test, spectrogram)
-    tell("code use", 0.3)
+    progress("code use", 0.3)
     draw_code_use(generator.bundle.tokenizer, test, use)
-    tell("guidance", 0.5)
+    progress("guidance", 0.5)
     guided = guided_scales(generator)
     poses, paths, tilt = (bench.out / name for name in ("scales-poses.png", "scales-paths.png", "tilt.png"))
     draw_scales(guided, poses, paths)
@@ -398,12 +432,7 @@ def figures(bench: Bench, tell: Tell) -> list[Path]:
     return [spectrogram, use, poses, paths, tilt]
 
 
-def _table(bench: Bench, rows: Sequence[Row], name: str, title: str) -> list[Path]:
-    write_table(rows, bench.out / name, title)
-    return [bench.out / f"{name}.md", bench.out / f"{name}.json"]
-
-
-ABLATIONS: dict[str, Callable[[Bench, Tell], list[Path]]] = {
+ABLATIONS: dict[str, Callable[[Bench, Progress], list[Path]]] = {
     each.__name__: each
     for each in (figures, iterations, densities, refinement, refiner, losses, codebook, normalised, adaptive, scales)
 }

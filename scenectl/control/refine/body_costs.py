@@ -26,8 +26,8 @@ from objectives.kernels import Kernel
 from objectives.library.scene import foot_heights
 from scenectl.control.settings import SolverSettings
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
-from scenectl.measures.metrics import FEET
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import FEET
 
 
 @dataclass(frozen=True)

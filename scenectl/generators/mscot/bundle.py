@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from scenectl.generators.mscot.config import ModelConfig
-from scenectl.generators.mscot.networks.metric import Metric
+from scenectl.generators.mscot.networks.preconditioner import Preconditioner
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
@@ -38,7 +38,7 @@ class Bundle:
     refiner: Refiner
     text: TextEncoder
     licence: str
-    metric: Metric | None = None
+    metric: Preconditioner | None = None
 
 
 def load_bundle(weights: Weights, with_metric: bool = True) -> Bundle:
@@ -67,14 +67,14 @@ def load_bundle(weights: Weights, with_metric: bool = True) -> Bundle:
     return Bundle(config, *networks, text, weights.licence, metric)
 
 
-def _metric(weights: Weights, config: ModelConfig) -> Metric | None:
+def _metric(weights: Weights, config: ModelConfig) -> Preconditioner | None:
     """The metric in a folder of weights, or None where it has none; raises UserError for another model's."""
     if METRIC not in weights.parts:
         return None
     path = weights.part(METRIC)
     if _config_of(weights, METRIC) != config:
         raise UserError(f"'{path}' belongs to another model; measure it anew with 'scenectl train metric'")
-    metric = Metric(config.tokenizer.code_dim, len(config.tokenizer.scales))
+    metric = Preconditioner(config.tokenizer.code_dim, len(config.tokenizer.scales))
     load_weights(metric, path)
     return metric.requires_grad_(False)
 

@@ -1,8 +1,20 @@
-"""How MSCoT draws its tokens, as it stands in a task's [generator]."""
+"""What MSCoT can do, and how it draws its tokens, as it stands in a task's [generator]."""
 
 from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from scenectl.data.features import FPS
+from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
+from scenectl.generators.spec import Spec
+
+SPEC = Spec(
+    fps=FPS,
+    shortest=MIN_FRAMES / FPS,
+    longest=60.0,  # beyond this a request is taken for a mistake; the schedule itself has no limit
+    window=MAX_FRAMES / FPS,
+    abilities=frozenset({"edit"}),
+)
 
 
 class Sampling(BaseModel):

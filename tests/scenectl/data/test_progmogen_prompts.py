@@ -36,11 +36,18 @@ def test_a_folder_stands_for_the_file_in_it(shared: Path) -> None:
     ("content", "reason"),
     [
         ("{", "not readable JSON"),
-        ("[]", "the file: "),
-        (json.dumps({"hsi1": [], "n32": []}), "hsi1: list should have at least 1"),
-        (json.dumps({"hsi1": [{"caption": "a", "length": 40, "head_heights_m": [1, 2]}], "n32": []}), r"hsi1\.0\.head"),
-        (json.dumps({"hsi1": [{"caption": "a", "length": 400, "head_heights_m": [1, 2, 1]}]}), r"hsi1\.0\.length"),
-        (json.dumps({"n32": [{"caption": "", "length": 40}]}), r"hsi1: field required"),
+        ("[]", r"valid dictionary.*not \[\]"),
+        (json.dumps({"hsi1": [], "n32": []}), "'hsi1' is .*at least 1"),
+        (
+            json.dumps({"hsi1": [{"caption": "a", "length": 40, "head_heights_m": [1, 2]}], "n32": []}),
+            r"'hsi1 1\.head_heights_m'.*missing",
+        ),
+        (
+            json.dumps({"hsi1": [{"caption": "a", "length": 400, "head_heights_m": [1, 2, 1]}]}),
+            r"'hsi1 1\.length' is 400",
+        ),
+        (json.dumps({"n32": [{"caption": "", "length": 40}]}), r"'n32 1\.caption' is ''"),
+        (json.dumps({"n32": [{"caption": "a", "length": 40}]}), "'hsi1' is missing"),
     ],
 )
 def test_broken_files_get_one_sentence(content: str, reason: str, tmp_path: Path) -> None:

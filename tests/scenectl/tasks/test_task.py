@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from objectives import Term
-from scenectl.generators.mscot import SPEC
+from scenectl.generators.mscot.settings import SPEC
 from scenectl.tasks.schema import SceneSpec, Walk
 from scenectl.tasks.setup import PACE, heading_along, start_of
 from scenectl.tasks.task import Task, load_task

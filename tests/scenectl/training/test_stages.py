@@ -229,7 +229,7 @@ def test_recipes_name_their_family(recipe: Path) -> None:
         recipe.write_text(RECIPE.replace('"mirror"', f'"{name}"'))
         with pytest.raises(UserError, match=words):
             plan_of(recipe)
-    with pytest.raises(UserError, match="family: input should be 'mirror'"):
+    with pytest.raises(UserError, match="'family' is 'elsewhere': input should be 'mirror'"):
         load_recipe(recipe, MirrorRecipe)
     recipe.write_text(RECIPE.replace('family = "mirror"', ""))
     assert load_recipe(recipe, MirrorRecipe).family == "mirror"

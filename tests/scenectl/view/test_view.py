@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -276,7 +279,10 @@ def test_surfaces_face_outwards() -> None:
         across = np.cross(b - a, c - a)
         outward = (across * hull.normals[hull.faces].mean(axis=1)).sum(-1)
         assert (outward[np.linalg.norm(across, axis=1) > 1e-9] > 0).all()
-    assert np.linalg.norm(tube(way, 0.1).points.reshape(4, -1, 3) - way[:, None], axis=-1) == pytest.approx(0.1)
+    rings = tube(way, 0.1).points.reshape(4, -1, 3)
+    for k, (here, there) in enumerate(pairwise(way)):  # as thick along every leg
+        along = (there - here) / np.linalg.norm(there - here)
+        assert np.linalg.norm(np.cross(rings[k : k + 2] - here, along), axis=-1) == pytest.approx(0.1)
 
 
 def test_scales_run_from_their_first_colour_to_their_last() -> None:
@@ -302,3 +308,17 @@ def test_goals_of_a_users_own_are_drawn_and_held_in_the_picture(tiny: ModuleType
         assert shares[0] == 0.0 and shares[1] > 0.005
     finally:
         forget("fetched")
+
+
+def test_nothing_is_loaded_that_is_not_drawn_with(tmp_path: Path) -> None:
+    """VTK when a picture is drawn and not before, and none of the plotting packages then."""
+    code = (
+        "import sys\n"
+        "from scenectl.view import draw_scene\n"
+        "from scenes.world.scene import Scene\n"
+        "heavy = lambda: sorted({'vtkmodules', 'vtk', 'pyvista', 'matplotlib', 'open3d'} & set(sys.modules))\n"
+        f"print(heavy()); draw_scene(Scene.empty(), {str(tmp_path / 'scene.png')!r}); print(heavy())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]", "['vtkmodules']"]
+    assert done.stderr == ""

@@ -30,6 +30,7 @@ from scenectl.generators.mscot.training.transformer import (
 )
 from scenectl.generators.training import manifest_of
 from scenectl.generators.weights import described
+from scenectl.training.card import table
 from scenectl.training.errors import band_table, error_by_source, joint_table, source_table
 from scenectl.training.loop import Loop
 from scenectl.training.losses import ReconstructionTraining
@@ -139,14 +140,12 @@ def _report(figures: Figures) -> list[str]:
 
 
 def _scale_table(use: Mapping[str, Sequence[Mapping[str, float]]], entropy: Sequence[float]) -> list[str]:
-    rows = [
-        "| scale | codes used, training | perplexity | codes used, test | perplexity | cross-entropy |",
-        "|---|---|---|---|---|---|",
-    ]
-    for k, (train, test) in enumerate(zip(use["train"], use["test"], strict=True)):
-        figures = [f"{part['share_used']:.0%} | {part['perplexity']:.0f}" for part in (train, test)]
-        rows.append(f"| {k + 1} | {' | '.join(figures)} | {f'{entropy[k]:.2f}' if entropy else '-'} |")
-    return rows
+    rows = []
+    for k, parts in enumerate(zip(use["train"], use["test"], strict=True)):
+        figures = [text for part in parts for text in (f"{part['share_used']:.0%}", f"{part['perplexity']:.0f}")]
+        rows.append((f"{k + 1}", *figures, f"{entropy[k]:.2f}" if entropy else "-"))
+    codes = ("codes used, training", "perplexity", "codes used, test", "perplexity")
+    return table(("scale", *codes, "cross-entropy"), rows)
 
 
 def _columns(run: MSCoTRun) -> dict[str, float]:

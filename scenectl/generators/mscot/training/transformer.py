@@ -27,7 +27,7 @@ class TransformerTraining(BaseModel):
         loop: length and speed; `batch` is for windows of 64 frames, and shrinks with longer ones.
         min_frames, max_frames: window lengths, drawn for each batch in steps of four frames.
         drop_text: probability of training a sample without text (classifier-free guidance).
-        corrupt: share of prefix tokens replaced by random ones, which teaches the model to live with its mistakes.
+        corrupt: share of prefix tokens replaced by random ones, as its own mistakes will be when it generates.
         smoothing: label smoothing.
     """
 

@@ -53,3 +53,15 @@ def test_rows_and_summary(tmp_path: Path) -> None:
         bench_query("pillars", patterns=("unifrm",))
     with pytest.raises(UserError, match="repeats"):
         bench_query("pillars", repeats=0)
+
+
+def test_fresh_processes_measure_each_by_itself_and_the_least_counts() -> None:
+    result = bench_query("pillars", resolution=16, repeats=1, counts=(50,), processes=2)
+    summary, rows = result["summary"], result["rows"]
+    assert [row["method"] for row in rows] == 2 * ["scenectl", "grid_sample"]
+    assert {row["process"] for row in rows} == {1, 2} and summary["processes"] == 2 and summary["threads"] == 1
+    each = [float(ratio) for ratio in summary["speedup_50_each"].split(", ")]
+    assert len(each) == 2 and summary["speedup_50"] == pytest.approx(min(each), abs=0.006)
+    assert summary["processor"] and summary["torch_kernels"] and summary["processors"] >= 1
+    with pytest.raises(UserError, match="unknown bundled scene 'pilars'; did you mean 'pillars'"):
+        bench_query("pilars", resolution=16, repeats=1, counts=(50,), processes=2)

@@ -108,10 +108,10 @@ def test_the_compact_recipe_is_small() -> None:
     ("change", "words"),
     [
         (("seed = 4", "seed ="), "not valid TOML"),
-        (("seed = 4", "sede = 4"), "sede"),
-        (("continuous = 3", "continuous = 'few'"), r"tokenizer\.continuous"),
-        (("batch = 8, ", ""), r"transformer\.loop\.batch"),
-        (("bend = 1", "bent = 1"), r"augmentation\.bent"),
+        (("seed = 4", "sede = 4"), "'sede'; did you mean 'seed'"),
+        (("continuous = 3", "continuous = 'few'"), r"'tokenizer\.continuous' is 'few'"),
+        (("batch = 8, ", ""), r"'batch' is missing in \[transformer\.loop\]"),
+        (("bend = 1", "bent = 1"), r"\[augmentation\]: unknown key 'bent'; did you mean 'bend'"),
     ],
 )
 def test_a_wrong_line_of_a_recipe_is_named(tmp_path: Path, change: tuple[str, str], words: str) -> None:

@@ -1,0 +1,66 @@
+"""`scenectl bench generator`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from scenectl.bench.commands.shared import measured, shown, wrote
+from scenectl.console.console import cell, literal, out
+from scenectl.console.options import DATA, Data, Generator, Json, Seed, Threads, Weights
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+
+def generator(
+    data: Data = DATA,
+    clips: Annotated[int | None, typer.Option(min=1, help="Test clips. Default: all.")] = None,
+    evaluator: Annotated[str, typer.Option(help="own, or guo with --evaluator-folder.")] = "own",
+    evaluator_folder: Annotated[Path | None, typer.Option(help="Where the evaluator's weights lie.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Of everything random; intervals come from them.")] = 20,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    generator: Generator = "mscot",
+    threads: Threads = None,
+    json_file: Json = None,
+    plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the confusion of kinds to this file.")] = None,
+    page: Annotated[Path | None, typer.Option(help="Write all of it as a page (Markdown) to this file.")] = None,
+) -> None:
+    """All of the evaluation: errors, standard metrics, plausibility, kinds, beside real motions and baselines."""
+    from scenectl.bench.models.generator import bench_generator, plot
+    from scenectl.evaluation.evaluator import load_evaluator
+    from scenectl.evaluation.kinds import load_classifier
+
+    judge, classifier = load_evaluator(evaluator, evaluator_folder), load_classifier()
+    result = measured(
+        lambda maker, engine: bench_generator(maker, judge, classifier, data, clips, repeats, seed, engine),
+        weights, threads, generator, json_file,
+    )  # fmt: skip
+    _show(result, json_file)
+    if plot_file is not None:
+        plot(result, plot_file)
+        wrote(plot_file)
+    if page is not None:
+        _write_page(result, weights, plot_file, page)
+
+
+def _show(result: Mapping[str, Any], json_file: Path | None) -> None:
+    out.print(
+        literal(f"evaluator: {result['evaluator']}; {result['clips']} test clips; never beside published figures")
+    )
+    shown(result, json_file)
+    recall = result["kinds"]["generated"]["recall"]
+    out.print(literal("recall by kind: " + ", ".join(f"{kind} {cell(share)}" for kind, share in recall.items())))
+
+
+def _write_page(result: Mapping[str, Any], weights: str, plot_file: Path | None, page: Path) -> None:
+    from scenectl.bench.models.page import evaluation_page
+    from scenes.files import atomic_write
+
+    with atomic_write(page, "w") as file:
+        file.write(evaluation_page(result, weights, plot_file))
+    out.print(f"wrote {page}")

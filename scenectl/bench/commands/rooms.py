@@ -1,0 +1,38 @@
+"""`scenectl bench rooms`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenectl.bench.commands.shared import measured, shown
+from scenectl.console.options import Generators, Json, Seed, Shard, Threads, Weights
+
+
+def rooms(
+    mesh: Annotated[
+        list[Path] | None, typer.Option("--mesh", help="A scan; repeatable. Default: bundled scenes.")
+    ] = None,
+    tasks: Annotated[int, typer.Option(min=1, help="Walks in each room.")] = 50,
+    samples: Annotated[int, typer.Option(min=1, help="Motions for each task; the best is scored.")] = 4,
+    seed: Seed = 0,
+    weights: Weights = "default",
+    generator: Generators = None,
+    threads: Threads = None,
+    json_file: Json = None,
+    shard: Shard = None,
+) -> None:
+    """Random walks through rooms: target reached, nothing touched."""
+    from scenectl.bench.control.rooms import bench_rooms
+
+    result = measured(
+        lambda maker, engine: bench_rooms(maker, mesh or (), tasks, seed, samples, engine=engine),
+        weights, threads, generator, json_file, shard,
+    )  # fmt: skip
+    columns = (
+        "mesh", "task", "reached", "clean", "missed_m", "deepest_penetration_m", "deepest_floor_penetration_m",
+        "skating_ratio", "seconds",
+    )  # fmt: skip
+    shown(result, json_file, columns)
