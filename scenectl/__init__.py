@@ -31,9 +31,9 @@ _HOME = {
     "Term": "objectives",
     "Trajectory": "scenes.world.moving",
     "UserError": "scenes.errors",
-    "Waypoints": "scenes.mesh.primitives",
+    "Waypoints": "scenes.motion.waypoints",
     "bundled": "scenes.world.scene",
-    "csg": "scenes.mesh.primitives",
+    "csg": "scenes.mesh.csg",
     "edit": "scenectl.pipeline.editing",
     "free_area": "scenes.world.floor.planning",
     "goal": "objectives",
@@ -91,9 +91,11 @@ if TYPE_CHECKING:
     from scenectl.tasks.schema import Task, load_task
     from scenes.body.body import ProxyBody
     from scenes.errors import UserError
+    from scenes.mesh.csg import csg
     from scenes.mesh.mesh import Mesh, load_mesh
-    from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Sphere, Waypoints, csg
+    from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Sphere
     from scenes.motion.motion import Motion, Pose2D
+    from scenes.motion.waypoints import Waypoints
     from scenes.world.floor.planning import free_area
     from scenes.world.moving import MovingObject, Trajectory
     from scenes.world.scene import Scene, bundled, load_scene

@@ -17,21 +17,12 @@ if TYPE_CHECKING:
     from scenes.body.rig import Part, Rig
     from scenes.body.urdf import read_urdf
     from scenes.errors import UserError
+    from scenes.mesh.csg import csg
     from scenes.mesh.mesh import Mesh, load_mesh, load_parts
-    from scenes.mesh.primitives import (
-        PRIMITIVES,
-        Box,
-        Capsule,
-        Cylinder,
-        Plane,
-        Primitive,
-        Sphere,
-        Waypoints,
-        csg,
-        primitive,
-    )
+    from scenes.mesh.primitives import PRIMITIVES, Box, Capsule, Cylinder, Plane, Primitive, Sphere, primitive
     from scenes.motion.motion import Motion, Pose2D
     from scenes.motion.skeleton import HUMANML3D, Skeleton
+    from scenes.motion.waypoints import Waypoints
     from scenes.sdf.bake import Bake, bake, default_cache
     from scenes.sdf.bake_blocks import bake_blocks
     from scenes.sdf.blocks import SdfBlocks
@@ -56,10 +47,12 @@ _HOMES = {
     "scenes.body.rig": "Part Rig",
     "scenes.body.urdf": "read_urdf",
     "scenes.errors": "UserError",
+    "scenes.mesh.csg": "csg",
     "scenes.mesh.mesh": "Mesh load_mesh load_parts",
-    "scenes.mesh.primitives": "PRIMITIVES Box Capsule Cylinder Plane Primitive Sphere Waypoints csg primitive",
+    "scenes.mesh.primitives": "PRIMITIVES Box Capsule Cylinder Plane Primitive Sphere primitive",
     "scenes.motion.motion": "Motion Pose2D",
     "scenes.motion.skeleton": "HUMANML3D Skeleton",
+    "scenes.motion.waypoints": "Waypoints",
     "scenes.sdf.bake": "Bake bake default_cache",
     "scenes.sdf.bake_blocks": "bake_blocks",
     "scenes.sdf.blocks": "SdfBlocks",

@@ -33,7 +33,7 @@ def bench_edit(
         resolution: nodes along the longest side.
         rounds: moves, removals and additions, as many of each.
         seed: of which object is edited, and where it goes.
-        progress: told what goes on.
+        progress: called with what is done and which share of the work that is.
 
     Returns:
         Medians over the rounds in "summary", one row an edit. ``whole_s`` bakes all objects as one mesh, which is the

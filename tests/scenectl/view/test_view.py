@@ -16,9 +16,10 @@ from scenectl.view.evidence import open_edges, uncertain_blocks
 from scenectl.view.shapes import BodyShape, components, face_colours, soft_shadow
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Sphere
 from scenes.mesh.surface import Surface
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.waypoints import Waypoints
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled
 

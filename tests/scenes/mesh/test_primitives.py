@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Primitive, Sphere, Waypoints, csg, primitive
+from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Primitive, Sphere, primitive
+from scenes.motion.waypoints import Waypoints
 from scenes.sdf.field import DistanceField
 
 SHAPES: list[Primitive] = [

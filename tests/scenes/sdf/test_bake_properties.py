@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, csg
+from scenes.mesh.primitives import Box
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.distances import FAR_ERROR
 from scenes.sdf.lattice import Lattice

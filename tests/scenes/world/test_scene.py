@@ -11,7 +11,8 @@ import torch
 import scenes.world.scene as module
 from scenes.errors import UserError
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Capsule, Plane, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Capsule, Plane, Sphere
+from scenes.motion.waypoints import Waypoints
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
 ROOM, TABLE = Box((0.0, 1.25, 0.0), (4.0, 2.5, 3.0)), Box((1.0, 0.7, 0.0), (0.8, 0.4, 1.1))
