@@ -168,6 +168,13 @@ def test_bad_values_are_one_sentence(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
+def test_the_bundled_files_have_one_place_under_their_new_and_their_old_name() -> None:
+    import scenes
+    from scenes.scene import BUNDLED  # as the first examples wrote it
+
+    assert BUNDLED is scenes.BUNDLED and (BUNDLED / "living_room.glb").is_file()
+
+
 def test_load_scene_reads_file_and_options(tmp_path: Path) -> None:
     import trimesh
 
