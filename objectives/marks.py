@@ -29,10 +29,10 @@ class Mark:
     Attributes:
         shape: "ball" or horizontal "ring" around each point, "line" through them, "capsule" from the first to the
             second.
-        points: world m, ``[P, 3]``; one set for each time, ``[T, P, 3]``, of what moves. Nan heights are the floor's.
+        points: world m, ``[P, 3]``; one set for each time, ``[T, P, 3]``, that may move. Nan heights are the floor's.
         radius: m, of balls, rings and capsules; the viewer draws what would be too small to see a little larger.
         role: "goal" is wanted, "obstacle" is kept clear of, "way" is followed.
-        times: seconds of the T sets of points, or None for what stands still.
+        times: seconds of the T sets of points, or None for one set.
     """
 
     shape: Shape
