@@ -55,8 +55,8 @@ def bench_prices(
 
     Returns:
         ``{"summary", "rows"}``: a row for each kind of step with the milliseconds of a pass, and in passes one `jvp`,
-        one `vjp`, and one row of `vjps` at each number of `ROWS`, all at a value that is decoded already.
-        `Price.product` is the mean of the first two, `Price.row` the last of `ROWS`.
+        one `vjp`, and one row of `vjps` at each number of `ROWS`, all at a value decoded already. `Price.product` is
+        about the mean of the first two, `Price.row` the last.
     """
     settings = {"repeats": repeats, "samples": samples, "threads": torch.get_num_threads()}
 
@@ -79,10 +79,8 @@ def _steps(generator: Generator, samples: int, seed: int) -> Iterator[tuple[str,
         step = draft.step
         yield "refined", step
         yield "refined, by autograd", DecodedStep(step.value, step.decode)
-        yield (
-            "refined, with its start",
-            MovedStep.of(step, FreeStart((0.0, 0.0, 0.0)), step.value.new_zeros(samples, 3)),
-        )
+        still = step.value.new_zeros(samples, 3)
+        yield "refined, with its start", MovedStep.of(step, FreeStart((0.0, 0.0, 0.0)), still)
     yield "smooth", SmoothStep.of(draft.motion)
 
 

@@ -1,4 +1,4 @@
-"""Value and gradient of a distance grid at many points: seconds of one thread, beside other libraries."""
+"""Value and gradient of a distance grid at many points: processor seconds of one thread, beside other libraries."""
 
 from __future__ import annotations
 
@@ -36,6 +36,9 @@ COUNTS = (FRAMES * SAMPLES, 32 * FRAMES * SAMPLES)
 PATTERNS = ("body", "uniform")
 """Points on people who walk, as goals ask for them; or anywhere in the grid, which is all waiting for memory."""
 
+COMPARED = ("scenectl", "grid_sample")
+"""The methods whose ratio is the speedup."""
+
 Method = Callable[[], Any]
 
 
@@ -51,11 +54,13 @@ def bench_query(
 ) -> Result:
     """Every method on the same grid of ``resolution ** 3`` nodes and the same float32 points, one thread.
 
-    Methods take turns, and the median counts. All but `open3d` give value and gradient. `grid_sample` is torch's,
+    Methods take turns, and the median counts, in seconds that the process spent on a processor: what waiting for one
+    takes says nothing about a method. All but `open3d` give value and gradient. `grid_sample` is torch's,
     with the points' change of units (a user's points are metres) and its backward; `torch` is our formula in torch.
     `open3d` runs where it can be imported, and gives exact distances to the triangles instead, and no gradient.
 
-    With several `processes` each measures by itself, one after the other, in a fresh interpreter.
+    With several `processes` each measures by itself, one after the other, in a fresh interpreter, and only the two
+    methods whose ratio is wanted.
 
     Returns:
         `rows` of process, points, pattern, method, seconds, and `summary`: the machine, and for each count the smallest
@@ -110,16 +115,23 @@ def _lines(path: Path) -> list[str]:
 
 
 def _measured(
-    scene: str, resolution: int, repeats: int, seed: int, counts: Sequence[int], patterns: Sequence[str]
+    scene: str,
+    resolution: int,
+    repeats: int,
+    seed: int,
+    counts: Sequence[int],
+    patterns: Sequence[str],
+    names: Sequence[str] | None = None,
 ) -> list[dict[str, Any]]:
-    """Rows of points, pattern, method, seconds, measured in this process."""
+    """Rows of points, pattern, method, seconds, measured in this process: of all methods, or of those named."""
     mesh = bundled(scene).meshes[0]
     grid = bake(mesh, lattice=Lattice.cube(mesh.bounds, resolution, padding=0.1)).grid
     rows = []
     with threads(1):
         for count, pattern in ((c, p) for c in counts for p in patterns):
             points = make_points(grid, count, pattern, seed)
-            seconds = _medians(methods(grid, mesh, points), repeats, calls=max(1, 200_000 // count))
+            found = methods(grid, mesh, points, names)
+            seconds = _medians(found, repeats, calls=max(1, 200_000 // count))
             rows += [
                 {"points": count, "pattern": pattern, "method": method, "seconds": value}
                 for method, value in seconds.items()
@@ -128,21 +140,23 @@ def _measured(
 
 
 def _measured_elsewhere(asked: tuple[Any, ...]) -> Any:
-    """The same from a process of its own."""
-    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps(asked)]
+    """The same from a process of its own, for `COMPARED` alone."""
+    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps((*asked, COMPARED))]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     if done.returncode:
         raise UserError(f"a process could not measure: {(done.stderr.strip().splitlines() or ['killed'])[-1]}")
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def methods(grid: SdfGrid, mesh: Mesh, points: Tensor) -> dict[str, Method]:
+def methods(grid: SdfGrid, mesh: Mesh, points: Tensor, names: Sequence[str] | None = None) -> dict[str, Method]:
     """What can run here, by name; each call evaluates `points` ``[n, 3]`` (m) afresh and returns value and gradient."""
     found: dict[str, Method] = {
         "scenectl": lambda: _with_gradient(grid.distance, points),
         "grid_sample": lambda: _with_gradient(_grid_sample(grid), points),
         "torch": lambda: interpolate(points, grid.values, grid, with_gradient=True),
     }
+    if names is not None:
+        return {name: found[name] for name in names}
     if open3d := _imported("open3d"):
         found["open3d"] = _open3d(open3d, mesh, points)
     return found
@@ -212,7 +226,7 @@ def _open3d(open3d: Any, mesh: Mesh, points: Tensor) -> Method:
 
 
 def _medians(found: dict[str, Method], repeats: int, calls: int) -> dict[str, float]:
-    """Median seconds of a call of each method; they take turns of several calls.
+    """Median processor seconds of a call of each method; they take turns of several calls.
 
     Each turn begins with a call that does not count: a solver calls again and again, and finds its own data in the
     caches rather than another library's.
@@ -221,10 +235,10 @@ def _medians(found: dict[str, Method], repeats: int, calls: int) -> dict[str, fl
     for _ in range(repeats):
         for name, run in found.items():
             run()
-            began = time.perf_counter()
+            began = time.process_time()
             for _ in range(calls):
                 run()
-            times[name].append((time.perf_counter() - began) / calls)
+            times[name].append((time.process_time() - began) / calls)
     return {name: float(np.median(values)) for name, values in times.items()}
 
 

@@ -58,7 +58,6 @@ def bench_threads(
         their ratio. Raises UserError for a task that cannot be run.
     """
     load_task(task)  # what is wrong with it is told here
-    cores = len(os.sched_getaffinity(0))
     return engine.run(
         [("threads", settings)],
         lambda names: _measured(task, samples, repeats, limit, names, engine.progress),

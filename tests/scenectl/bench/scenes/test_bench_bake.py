@@ -12,8 +12,7 @@ import pytest
 import trimesh
 
 from scenectl.bench.engine import Engine
-from scenectl.bench.scenes import bake as bench
-from scenectl.bench.scenes import meshes, peers
+from scenectl.bench.scenes import bake as bench, meshes, peers
 from scenectl.bench.scenes.bake import bench_bake, plot
 from scenectl.bench.scenes.peers import OURS, TOOLS, Cube, Run, timed
 from scenes.errors import UserError
