@@ -20,6 +20,8 @@ Role = Literal["goal", "way", "obstacle"]
 
 _SAMPLES = 120
 """Points by which a track is drawn; the bend of a circle between two is under a thousandth of its radius."""
+_AROUND = 0.2
+"""Least radius (m) of the ring around a joint of which a height is asked: wider than the head or limb in it."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +71,19 @@ def marks_of_targets(
     for entry in range(targets.shape[1]):
         for frames in _runs(stated[:, entry]):
             places = targets[frames, entry].clone()
-            steps = len(places.unique_consecutive(dim=0)) if not places.isnan().any() else _changes(places)
+            steps = len(places.nan_to_num(nan=math.inf).unique_consecutive(dim=0))
             if points is not None:
-                free = places[:, ::2].isnan()
-                places[:, ::2] = torch.where(free, points[frames, entry][:, ::2].to(places), places[:, ::2])
+                places[:, ::2] = torch.where(
+                    places[:, ::2].isnan(), points[frames, entry][:, ::2].to(places), places[:, ::2]
+                )
             if steps > 2:
                 found.append(Mark("line", places))
                 continue
-            shape: Shape = "ring" if bool(targets[frames[0], entry].isnan().any()) else "ball"
-            found += [Mark(shape, place[None], radius) for place in (places[:1] if steps == 1 else places)]
+            free = targets[frames[0], entry].isnan()
+            shape: Shape = "ring" if bool(free.any()) else "ball"
+            size = max(radius, _AROUND) if bool(free[::2].any()) else radius
+            found += [Mark(shape, place[None], size) for place in (places[:1] if steps == 1 else places)]
     return found
-
-
-def _changes(places: Float[Tensor, "F 3"]) -> int:
-    """How many different places follow each other."""
-    return len(places.nan_to_num(nan=math.inf).unique_consecutive(dim=0))
 
 
 def _runs(mask: Bool[Tensor, " T"]) -> Iterator[list[int]]:

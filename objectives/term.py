@@ -216,9 +216,10 @@ class Term:
             found = self.evaluate(motion, context.unbaked)
         if found.marks is not None:
             return list(found.marks())
+        near = self.allowed if self.spec.unit == "m" else 0.0
         if found.targets is None:
-            return marks_of_parameters(self.parameters, self.allowed)
-        return marks_of_targets(found.targets, found.points, found.mask, self.allowed)
+            return marks_of_parameters(self.parameters, near)
+        return marks_of_targets(found.targets, found.points, found.mask, near)
 
     def residual(self, motion: Motion, context: Context) -> Float[Tensor, "*b T k"]:
         """The goal's residual in natural units, unweighted; zero where the term does not apply."""
