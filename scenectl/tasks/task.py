@@ -5,11 +5,14 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from scenectl.generators.spec import Spec
-from scenectl.tasks.schema import TaskTable, known_keys
+from scenectl.tasks.schema import GeneratorSpec, TaskTable, known_keys
 from scenectl.tasks.setup import Setup, plan
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Pose2D
+from scenes.validation import sentence
 from scenes.world.scene import Scene
 
 
@@ -32,6 +35,15 @@ class Task(TaskTable):
             spec: of the generator, where it is not the one that the task names.
         """
         return plan(self, seed, start, scene, spec)
+
+    def with_generator(self, name: str | None = None, weights: str | None = None) -> Task:
+        """The same task for another family or other weights; raises UserError where its settings are not that one's."""
+        given = {key: value for key, value in (("name", name), ("weights", weights)) if value is not None}
+        table = self.generator.model_dump(exclude_unset=True) | given
+        try:
+            return self.model_copy(update={"generator": GeneratorSpec.model_validate(table)})
+        except ValidationError as error:
+            raise UserError(sentence(error, table, GeneratorSpec)) from error
 
 
 def load_task(path: str | Path) -> Task:
