@@ -49,7 +49,7 @@ class FreeStart:
         Costs have several valleys in yaw: short searches from several headings for what pulls, all in one batch, of
         which each sample's best by all goals is where a search for all goals begins.
         """
-        samples, headings = len(motion.joints), int(thresholds.headings)
+        samples, headings = len(motion.joints), thresholds.headings
         motion = replace(motion, joints=motion.joints.detach())
         joints, valid = motion.joints.repeat(headings, 1, 1, 1), motion.valid.repeat(headings, 1)
         many = replace(motion, joints=joints, valid=valid)
@@ -57,9 +57,9 @@ class FreeStart:
         yaws = torch.arange(headings, device=joints.device).repeat_interleave(samples)
         begin[:, -1] = yaws.to(begin) * (2 * torch.pi / headings)
 
-        def least(goals: Objective, still: Motion, begin: Float[Tensor, "R 3"], steps: float) -> Float[Tensor, "R 3"]:
+        def least(goals: Objective, still: Motion, begin: Float[Tensor, "R 3"], steps: int) -> Float[Tensor, "R 3"]:
             problem = Problem(lambda moves: goals.cost(self.moved(still, moves), context), begin)
-            return minimise(problem, _FIT.model_copy(update={"iterations": int(steps)}), thresholds).value
+            return minimise(problem, _FIT.model_copy(update={"iterations": steps}), thresholds).value
 
         pulling = Objective(tuple(t for t in objective.counted if t.spec.pulls))
         turned = least(pulling if pulling.terms else objective, many, begin, thresholds.heading_steps)

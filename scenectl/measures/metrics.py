@@ -21,7 +21,7 @@ from scenes.mesh.surface import Surface
 from scenes.motion.bones import bone_lengths
 from scenes.motion.headings import heading, turned
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import FEET as FEET
+from scenes.motion.skeleton import FEET
 from scenes.world.scene import Scene
 
 FLOOR_BAND = 0.06

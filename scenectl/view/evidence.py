@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from scenectl.view.marks import GOAL
+from scenectl.view.shapes import Hull
 from scenectl.view.stage import GLOW, Stage, shaded
 from scenes.mesh.surface import Surface
 from scenes.sdf.bake import Bake
@@ -71,7 +72,7 @@ def draw_evidence(stage: Stage, scene: Scene) -> None:
             squares, values = blocks.faces()
             corners = squares[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
             colours = np.repeat(shaded(values, *_SCALE), 6, axis=0)
-            stage.add_surface(corners, None, colours, GLOW, 0.35)
+            stage.add(Hull(corners), colours, GLOW, 0.35)
             stage.add_scale("agreeing evidence (%)", *_SCALE, (0.7, 0.03))
         edges = Surface.of(mesh).open_edges
         if len(edges):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,8 +18,7 @@ LIFT = 0.02
 _COLOURS: dict[str, Colour] = {"goal": GOAL, "way": WAY, "obstacle": OBSTACLE}
 _LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
 """Radii (m) of lines and of the dot in a ring, and the least of a ring: seen from across a room."""
-_BRIGHT = Finish(ambient=0.4, diffuse=1.0, specular=0.0, smooth=True)
-_ROUND = Finish(ambient=0.0, diffuse=1.0, specular=0.0, smooth=True)
+_BRIGHT, _ROUND = Finish(0.4, 1.0, 0.0), Finish(0.0, 1.0, 0.0)
 
 
 def draw_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
@@ -68,32 +67,23 @@ def draw_line(stage: Stage, points: np.ndarray, colour: Colour, radius: float) -
     """A tube of a radius (m) along a polyline ``[P, 3]``; nothing where it has no length."""
     kept = points[np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-4]]
     if len(kept) > 1:
-        _put(stage, tube(kept, radius), colour, _BRIGHT)
+        stage.add(tube(kept, radius), colour, _BRIGHT)
 
 
 def _draw(stage: Stage, mark: Mark, points: np.ndarray, opacity: float, name: str = "") -> None:
-    colour = _COLOURS[mark.role]
-    if not np.isfinite(points).all() or len(points) == 0:
+    colour, radius = _COLOURS[mark.role], max(mark.radius, _DOT)
+    if not np.isfinite(points).all():
         return
     if mark.shape == "line":
         draw_line(stage, points, colour, mark.radius or _LINE)
     elif mark.shape == "ring":
-        _put(stage, joined([part for point in points for part in _ring(point, mark.radius)]), colour, GLOW, 1.0, name)
+        stage.add(joined([part for point in points for part in _ring(point, mark.radius)]), colour, GLOW, name=name)
     else:
-        _put(stage, _SOLIDS[mark.shape](points, max(mark.radius, _DOT)), colour, _ROUND, opacity, name)
+        a, b = (points, points) if mark.shape == "ball" else (points[:1], points[1:2])
+        stage.add(capsules(a, b, np.full((len(a), 2), radius)), colour, _ROUND, opacity, name)
 
 
 def _ring(centre: np.ndarray, radius: float) -> list[Hull]:
     """A ring around a place and a dot at it."""
     radius = max(radius, _LEAST)
     return [ring(centre, 0.8 * radius, radius + _DOT), ring(centre, 0.0, _DOT, 24)]
-
-
-_SOLIDS: dict[str, Callable[[np.ndarray, float], Hull]] = {
-    "ball": lambda points, radius: capsules(points, points, np.full((len(points), 2), radius)),
-    "capsule": lambda points, radius: capsules(points[:1], points[1:2], np.full((1, 2), radius)),
-}
-
-
-def _put(stage: Stage, hull: Hull, colour: Colour, finish: Finish, opacity: float = 1.0, name: str = "") -> None:
-    stage.add_surface(hull.points, hull.faces, colour, finish, opacity, name, hull.normals)

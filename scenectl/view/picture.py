@@ -16,14 +16,14 @@ from scenectl.view.camera import ANGLE, Camera, choose
 from scenectl.view.evidence import draw_evidence
 from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, places
 from scenectl.view.room import GLASS, Room
-from scenectl.view.shapes import BodyShape, joined, soft_shadow
+from scenectl.view.shapes import Hull, body_hull, joined, soft_shadow
 from scenectl.view.stage import GLOW, SIZE, Colour, Finish, Stage, polydata, shaded
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
 
 _FIRST, _LAST = np.array([238, 208, 190.0]), np.array([212, 78, 34.0])  # a person's colour at the start and the end
-_SKIN = Finish(ambient=0.3, diffuse=0.72, specular=0.12, smooth=True)
+_SKIN = Finish(0.3, 0.72, 0.12)
 _TRAIL: Colour = (138, 59, 30)
 _STEP, _FEWEST, _MOST = 0.6, 3, 8
 """Metres that the pelvis goes from one pose that is drawn to the next, and how few and many poses are drawn."""
@@ -195,8 +195,7 @@ class Picture:
 
     def draw_bodies(self, stage: Stage, frames: list[int], colours: np.ndarray, clearance: bool) -> None:
         """Bodies at some frames in a colour each, ``[n, 3]``, or coloured by their distance to the scene."""
-        shape = BodyShape(self.body)
-        hulls = [shape.hull(self.joints(frame)) for frame in frames]
+        hulls = [body_hull(self.body, self.joints(frame)) for frame in frames]
         if clearance:
             found = [self.clearances(hull.points, frame) for hull, frame in zip(hulls, frames, strict=True)]
             each = shaded(np.concatenate(found), "bad to good", (0.0, _NEAR))
@@ -204,8 +203,7 @@ class Picture:
         else:
             each = np.repeat(colours, [len(hull.points) for hull in hulls], axis=0)
             stage.remove("clearance (m)")
-        all_of_them = joined(hulls)
-        stage.add_surface(all_of_them.points, all_of_them.faces, each, _SKIN, 1.0, "body", all_of_them.normals)
+        stage.add(joined(hulls), each, _SKIN, name="body")
 
     def clearances(self, points: np.ndarray, frame: int) -> np.ndarray:
         """Distance (m) of points on the body to the scene at a frame; negative inside."""
@@ -220,7 +218,7 @@ class Picture:
         points, faces = _plane(x, z, self.scene.floor.height + 0.012)
         shade = np.full((dark.size, 4), 30.0)
         shade[:, 3] = 255 * dark.ravel()
-        stage.add_surface(points.reshape(-1, 3), faces[(shade[faces, 3] >= 1).any(axis=1)], shade, GLOW)
+        stage.add(Hull(points.reshape(-1, 3), faces[(shade[faces, 3] >= 1).any(axis=1)]), shade, GLOW)
 
     def draw_slice(self, stage: Stage, height: float, time: float) -> None:
         """Signed distances on a horizontal plane at a time (s); the white line is the surface."""
@@ -231,7 +229,7 @@ class Picture:
         faces = _plane(found.points[:, 0, 0], found.points[0, :, 2], height)[1]
         points, distances = found.points.reshape(-1, 3), found.distances.ravel()
         colours = shaded(distances, "inside to outside", (-_FAR, _FAR))
-        stage.add_surface(points, faces, colours, GLOW, 0.6, "slice")
+        stage.add(Hull(points, faces), colours, GLOW, 0.6, "slice")
         stage.add_scale("distance (m)", "inside to outside", (-_FAR, _FAR), (0.05, 0.03))
         data, zero = polydata(points, faces), vtkContourFilter()
         data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(distances), deep=True))

@@ -7,20 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from scenectl.view.camera import ANGLE, Sight, choose
-from scenectl.view.shapes import CLAY, capsules
-from scenectl.view.stage import MATT, SIZE, Colour, Finish, Stage
+from scenectl.view.shapes import CLAY, Hull, capsules
+from scenectl.view.stage import SIZE, Finish, Stage
 from scenes.body.proxies import Proxies
 from scenes.body.rig import Rig
 
-_COLOURS: tuple[Colour, ...] = (
-    (47, 125, 107),
-    (200, 100, 43),
-    (63, 111, 176),
-    (165, 132, 42),
-    (122, 94, 168),
-    (176, 68, 106),
-)
-_GLASS = Finish(ambient=0.3, diffuse=1.0, specular=0.2, smooth=True)
+_COLOURS = ((47, 125, 107), (200, 100, 43), (63, 111, 176), (165, 132, 42), (122, 94, 168), (176, 68, 106))
+_GLASS = Finish(0.3, 1.0, 0.2)
 _OUTSIDE = 1 / np.cos(np.pi / 60) ** 2
 """By how much facets are moved out to lie around a capsule and not within, so that what fills it stays behind glass."""
 
@@ -35,10 +28,9 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, i
     extent = float(np.ptp(reach, axis=0).max())
     camera = choose(reach, Sight(np.zeros((0, 3, 3)), False), np.zeros(2), size[0] / size[1], room=0.06 * extent)
     stage.look_from(camera.position, camera.target, ANGLE)
-    stage.add_surface(rig.triangles.reshape(-1, 3), None, CLAY, MATT)
+    stage.add(Hull(rig.triangles.reshape(-1, 3)), CLAY)
     colours = {part.link: _COLOURS[k % len(_COLOURS)] for k, part in enumerate(proxies.parts)}
     for (a, b), radius, link in zip(ends, radii, proxies.owners, strict=True):
         thick = _OUTSIDE * max(float(radius), 1e-3 * extent)
-        hull = capsules(a[None], b[None], np.full((1, 2), thick))
-        stage.add_surface(hull.points, hull.faces, colours[link], _GLASS, 0.35, normals=hull.normals)
+        stage.add(capsules(a[None], b[None], np.full((1, 2), thick)), colours[link], _GLASS, 0.35)
     stage.write(png)

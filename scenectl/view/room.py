@@ -9,7 +9,7 @@ import numpy as np
 
 from scenectl.view.camera import Camera, Sight
 from scenectl.view.marks import OBSTACLE, fading
-from scenectl.view.shapes import Solid, inward, solid_of
+from scenectl.view.shapes import Hull, Solid, inward, solid_of
 from scenectl.view.stage import MATT, Finish, Stage
 from scenes.mesh.primitives import Plane
 from scenes.world.scene import Scene
@@ -21,7 +21,7 @@ _ROOMY, _CUT = 2.6, 2.0
 _COVERED, _PROBES = 0.06, 120
 """Share of the person's joints that an object may cover before it is glass, and how many of them are looked at."""
 _TILES = ((232, 229, 223), (222, 218, 211))
-_TILE = Finish(ambient=0.4, diffuse=0.7, specular=0.0)
+_TILE = Finish(0.4, 0.7, 0.0)
 _MARGIN = 1.5
 """Metres of ground around a person."""
 
@@ -108,7 +108,7 @@ class Room:
         corner = np.stack([x, np.zeros_like(x), z], axis=-1)[:, None] / 2 + [0.0, self.scene.floor.height, 0.0]
         square = np.array([[0, 0, 0], [0, 0, 0.5], [0.5, 0, 0.5], [0, 0, 0], [0.5, 0, 0.5], [0.5, 0, 0]])
         colours = np.where(((x + z) % 2)[:, None] > 0, *_TILES)
-        stage.add_surface((corner + square).reshape(-1, 3), None, np.repeat(colours, 6, axis=0), _TILE)
+        stage.add(Hull((corner + square).reshape(-1, 3)), np.repeat(colours, 6, axis=0), _TILE)
 
     def draw_moving(self, stage: Stage, times: Sequence[float]) -> None:
         """What moves, where it is at each time (s): pale at first, solid at last, as the person is."""
@@ -126,5 +126,4 @@ def _add(
     stage: Stage, triangles: np.ndarray, colours: np.ndarray, opacity: float, name: str = "", below: float = np.inf
 ) -> None:
     if len(triangles):
-        each = np.repeat(colours, 3, axis=0)
-        stage.add_surface(triangles.reshape(-1, 3), None, each, MATT, opacity, name, below=below)
+        stage.add(Hull(triangles.reshape(-1, 3)), np.repeat(colours, 3, axis=0), MATT, opacity, name, below)

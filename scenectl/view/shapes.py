@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,54 +17,35 @@ CLAY = (216, 211, 203)
 """Colour of meshes that bring none."""
 
 
-@dataclass(frozen=True)
-class BodyShape:
-    """A body's surface: capsules that taper from joint sphere to joint sphere, and the spheres past the joints."""
-
-    body: ProxyBody
-    rings: int = 6
-    sides: int = 18
-
-    @cached_property
-    def _parts(self) -> list[tuple[dict[int, float], float, dict[int, float], float]]:
-        """(blend of joints, radius) at both ends of every part."""
-        radius = {s.joint: s.radius for s in self.body.spheres if s.base < 0}
-        parts = []
-        for c in self.body.capsules:
-            # the trunk keeps its capsule's radius, limbs taper between their joints
-            a, b = (max(min(radius[j], 1.25 * c.radius), 0.75 * c.radius) for j in (c.a, c.b))
-            parts.append(({c.a: 1.0}, a, {c.b: 1.0}, b))
-        for s in self.body.spheres:
-            if s.base >= 0:
-                tip = {s.joint: 1.0 + s.beyond, s.base: -s.beyond}
-                parts.append(({s.joint: 1.0}, min(radius[s.joint], s.radius), tip, s.radius))
-        return parts
-
-    def hull(self, joints: np.ndarray) -> Hull:
-        """Surface of one pose ``[J, 3]`` (m)."""
-        unit = sphere(self.rings, self.sides)
-        ends = np.zeros((2, len(self._parts), len(joints)))
-        for k, (near, _, far, _) in enumerate(self._parts):
-            ends[0, k, list(near)], ends[1, k, list(far)] = list(near.values()), list(far.values())
-        a, b = ends @ joints
-        radii = np.array([(r_near, r_far) for _, r_near, _, r_far in self._parts])
-        return capsules(a, b, radii, unit)
-
-
 class Hull(NamedTuple):
-    """A smooth surface: corners ``[V, 3]`` (m), triangles ``[F, 3]`` of them, and unit normals ``[V, 3]``."""
+    """A surface: corners ``[V, 3]`` (m), triangles ``[F, 3]`` of them or None for three by three, unit normals."""
 
     points: np.ndarray
-    faces: np.ndarray
-    normals: np.ndarray
+    faces: Any = None
+    normals: Any = None
+
+
+def body_hull(body: ProxyBody, joints: np.ndarray) -> Hull:
+    """A body in a pose ``[J, 3]`` (m): capsules that taper from joint to joint, and the spheres past the joints."""
+    radius = {s.joint: s.radius for s in body.spheres if s.base < 0}
+    ends, radii = [], []
+    for c in body.capsules:
+        # the trunk keeps its capsule's radius, limbs taper between their joints
+        ends.append((joints[c.a], joints[c.b]))
+        radii.append([max(min(radius[j], 1.25 * c.radius), 0.75 * c.radius) for j in (c.a, c.b)])
+    for s in body.spheres:
+        if s.base >= 0:
+            ends.append((joints[s.joint], (1.0 + s.beyond) * joints[s.joint] - s.beyond * joints[s.base]))
+            radii.append([min(radius[s.joint], s.radius), s.radius])
+    a, b = np.stack(ends, axis=1)
+    return capsules(a, b, np.array(radii), sphere(6, 18))
 
 
 def joined(hulls: Sequence[Hull]) -> Hull:
-    """Several surfaces as one."""
+    """Several smooth surfaces as one."""
     starts = np.cumsum([0, *(len(hull.points) for hull in hulls[:-1])])
     faces = [hull.faces + start for hull, start in zip(hulls, starts, strict=True)]
-    points, normals = [hull.points for hull in hulls], [hull.normals for hull in hulls]
-    return Hull(np.concatenate(points), np.concatenate(faces), np.concatenate(normals))
+    return Hull(*(np.concatenate(part) for part in ([h.points for h in hulls], faces, [h.normals for h in hulls])))
 
 
 def sphere(rings: int = 6, sides: int = 18) -> Hull:
@@ -74,14 +53,9 @@ def sphere(rings: int = 6, sides: int = 18) -> Hull:
     half = np.linspace(0.0, np.pi / 2, rings)
     polar = np.concatenate([half, half + np.pi / 2])
     turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
-    points = np.stack(
-        [
-            np.outer(np.sin(polar), np.cos(turn)),
-            np.outer(np.sin(polar), np.sin(turn)),
-            np.outer(np.cos(polar), np.ones_like(turn)),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
+    around = np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=-1)
+    out = np.stack([np.sin(polar), np.sin(polar), np.cos(polar)], axis=-1)
+    points = (out[:, None] * around).reshape(-1, 3)
     return Hull(points, _strips(len(polar), sides), points)
 
 

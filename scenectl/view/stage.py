@@ -5,12 +5,12 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from scenectl.view.shapes import Hull
 from scenes.errors import UserError
 from scenes.files import atomic_write
 
@@ -19,7 +19,7 @@ SIZE = (1600, 1000)
 Colour = tuple[int, int, int]
 INK: Colour = (64, 64, 60)
 """Of all writing."""
-_BACK, _HORIZON = (244, 242, 238), (223, 229, 234)
+_BACK, _HORIZON = (0.957, 0.949, 0.933), (0.875, 0.898, 0.918)
 _SAMPLES = 8
 """Samples of a pixel that are asked for; drivers give fewer (Mesa's software one 4)."""
 _LAYERS = 8
@@ -28,31 +28,23 @@ _COMPRESSION = 3
 """Of PNG files: a tenth larger than at 6, in a third of the time."""
 
 
-@dataclass(frozen=True)
-class Finish:
-    """How a surface takes light.
-
-    Attributes:
-        ambient, diffuse, specular: shares of the light; those of clay by default.
-        smooth: shaded by its normals, not facet by facet.
-        lit: False shows its colour as it is.
-    """
+class Finish(NamedTuple):
+    """How a surface takes light: shares of ambient, diffuse and specular; an unlit one shows its colour as it is."""
 
     ambient: float = 0.36
     diffuse: float = 0.75
     specular: float = 0.03
-    smooth: bool = False
     lit: bool = True
 
 
-MATT = Finish()
-GLOW = Finish(ambient=0.0, diffuse=1.0, specular=0.0, lit=False)
+MATT, GLOW = Finish(), Finish(0.0, 1.0, 0.0, False)
 
 
 class Stage:
     """What is drawn: surfaces, lines and writing by name, in world metres.
 
     Attributes:
+        size: pixels of the picture.
         actors: what was given a name, as VTK actors.
     """
 
@@ -74,106 +66,74 @@ class Stage:
                 f"pictures need VTK, which cannot be loaded ({error}); install its libraries with: apt-get install "
                 "libgl1 libx11-6 libxrender1"
             ) from error
-        self.size = size
-        self.actors: dict[str, Any] = {}
-        self.renderer, self.window = vtkRenderer(), vtkRenderWindow()
-        self.window.SetOffScreenRendering(off_screen)
+        self.size, self.actors = size, dict[str, Any]()
+        self.renderer: Any = vtkRenderer(gradient_background=True, background=_BACK, background2=_HORIZON)
+        self.window: Any = vtkRenderWindow(off_screen_rendering=off_screen)
         # Multisampling and layers of glass exclude each other: those are drawn large and made small.
         self._larger = 2 if glass else 1
-        self.window.SetSize(self._larger * size[0], self._larger * size[1])
-        self.window.SetMultiSamples(0 if glass else _SAMPLES)
+        self.window.size = (self._larger * size[0], self._larger * size[1])
+        self.window.multi_samples = 0 if glass else _SAMPLES
         self.window.AddRenderer(self.renderer)
-        self.renderer.GradientBackgroundOn()
-        self.renderer.SetBackground(*_share(_BACK))
-        self.renderer.SetBackground2(*_share(_HORIZON))
         if glass:
-            self.window.SetAlphaBitPlanes(1)
-            self.renderer.SetUseDepthPeeling(True)
-            self.renderer.SetMaximumNumberOfPeels(_LAYERS)
+            self.window.alpha_bit_planes = True
+            self.renderer.use_depth_peeling, self.renderer.maximum_number_of_peels = True, _LAYERS
 
     # ---- what is on it ----------------------------------------------------------------------------------------
 
-    def add_surface(
-        self,
-        points: np.ndarray,
-        faces: np.ndarray | None,
-        colour: np.ndarray | Colour,
-        finish: Finish = MATT,
-        opacity: float = 1.0,
-        name: str = "",
-        normals: np.ndarray | None = None,
+    def add(
+        self, hull: Hull, colour: np.ndarray | Colour, finish: Finish = MATT, opacity: float = 1.0, name: str = "",
         below: float = np.inf,
-    ) -> Any:
-        """Triangles; what already has the name is replaced.
+    ) -> None:  # fmt: skip
+        """A surface; what already has the name is replaced.
 
         Args:
-            points: corners, ``[V, 3]`` m.
-            faces: triangles, ``[F, 3]``; None takes the corners three by three.
+            hull: its triangles, shaded by its normals where it has any, else facet by facet.
             colour: sRGB 0 to 255, one or one for each corner, ``[V, 3]`` or with opacity ``[V, 4]``.
             finish: how it takes light.
             opacity: of all of it, 0 to 1.
             name: by which it is found again, or none.
-            normals: unit vectors, ``[V, 3]``, for smooth ones.
             below: height (m) above which it is cut away.
         """
-        triangles = np.arange(len(points)).reshape(-1, 3) if faces is None else faces
-        actor = self._add(polydata(points, triangles, normals=normals), colour, name)
-        look = actor.GetProperty()
-        look.SetOpacity(opacity)
-        look.SetAmbient(finish.ambient)
-        look.SetDiffuse(finish.diffuse)
-        look.SetSpecular(finish.specular)
-        look.SetLighting(finish.lit)
-        look.SetInterpolation(2 if finish.smooth else 0)  # Phong or flat
+        faces = np.arange(len(hull.points)).reshape(-1, 3) if hull.faces is None else hull.faces
+        actor = self._add(polydata(hull.points, faces, hull.normals), colour, name)
+        look = actor.property
+        look.opacity, look.lighting, look.interpolation = opacity, finish.lit, 0 if hull.normals is None else 2  # Phong
+        look.ambient, look.diffuse, look.specular = finish.ambient, finish.diffuse, finish.specular
         if np.isfinite(below):
             from vtkmodules.vtkCommonDataModel import vtkPlane
 
-            plane = vtkPlane()
-            plane.SetOrigin(0.0, below, 0.0)
-            plane.SetNormal(0.0, -1.0, 0.0)
-            actor.GetMapper().AddClippingPlane(plane)
-        return actor
+            actor.mapper.AddClippingPlane(vtkPlane(origin=(0.0, below, 0.0), normal=(0.0, -1.0, 0.0)))
 
-    def add_lines(self, points: np.ndarray, lines: np.ndarray, colour: Colour, width: float, name: str = "") -> Any:
+    def add_lines(self, points: np.ndarray, lines: np.ndarray, colour: Colour, width: float, name: str = "") -> None:
         """Lines of some pixels: corners ``[V, 3]`` m, and which of them each joins, ``[L, 2]``."""
-        actor = self._add(polydata(points, lines), colour, name)
-        actor.GetProperty().SetLineWidth(width)
-        actor.GetProperty().SetLighting(False)
-        return actor
+        look = self._add(polydata(points, lines), colour, name).property
+        look.line_width, look.lighting = width, False
 
     def _add(self, data: Any, colour: np.ndarray | Colour, name: str) -> Any:
         from vtkmodules.util.numpy_support import numpy_to_vtk
         from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
-        mapper, actor = vtkPolyDataMapper(), vtkActor()
+        mapper: Any = vtkPolyDataMapper()
+        actor: Any = vtkActor(mapper=mapper)
         mapper.SetInputData(data)
-        actor.SetMapper(mapper)
         if isinstance(colour, np.ndarray):
             data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colour, dtype=np.uint8), deep=True))
             mapper.SetColorModeToDirectScalars()
-            actor.GetProperty().SetSpecularColor(*_share(colour[:, :3].mean(axis=0)))
+            actor.property.specular_color = _share(colour[:, :3].mean(axis=0))
         else:
-            actor.GetProperty().SetColor(*_share(colour))
+            actor.property.color = _share(colour)
         self._put(actor, name)
         return actor
 
-    def add_text(self, text: str, place: tuple[float, ...], size: int, centred: bool = False) -> None:
-        """Writing at a share of the picture, (0, 0) at its lower left, or over a world point (x, y, z) m."""
+    def add_text(self, text: str, place: tuple[float, ...], size: int) -> None:
+        """Writing at a share of the picture, (0, 0) at its lower left, or from a world point (x, y, z) m on."""
         from vtkmodules.vtkRenderingCore import vtkTextActor
 
-        actor = vtkTextActor()
-        actor.SetInput(text)
-        where = actor.GetPositionCoordinate()
-        if len(place) == 3:
-            where.SetCoordinateSystemToWorld()
-        else:
-            where.SetCoordinateSystemToNormalizedViewport()
+        actor: Any = vtkTextActor(input=text)
+        where, look = actor.position_coordinate, actor.text_property
+        (where.SetCoordinateSystemToWorld if len(place) == 3 else where.SetCoordinateSystemToNormalizedViewport)()
         where.SetValue(*place, *[0.0] * (3 - len(place)))
-        look = actor.GetTextProperty()
-        look.SetFontSize(size)
-        look.SetColor(*_share(INK))
-        if centred:
-            look.SetJustificationToCentered()
+        look.font_size, look.color = size, _share(INK)
         self._put(actor, "")
 
     def add_scale(self, title: str, colours: str, limits: tuple[float, float], place: tuple[float, float]) -> None:
@@ -181,24 +141,16 @@ class Stage:
         from vtkmodules.vtkCommonCore import vtkLookupTable
         from vtkmodules.vtkRenderingAnnotation import vtkScalarBarActor
 
-        table, bar = vtkLookupTable(), vtkScalarBarActor()
-        table.SetNumberOfTableValues(256)
-        table.SetTableRange(*limits)
+        table: Any = vtkLookupTable(number_of_table_values=256, table_range=limits)
         for i, colour in enumerate(shaded(np.linspace(0.0, 1.0, 256), colours, (0.0, 1.0))):
             table.SetTableValue(i, (*_share(colour), 1.0))
-        bar.SetLookupTable(table)
-        bar.SetOrientationToHorizontal()
-        bar.SetTitle(title)
-        bar.SetNumberOfLabels(5)
-        bar.SetPosition(*place)
-        bar.SetPosition2(0.25, 0.08)
-        bar.UnconstrainedFontSizeOn()
-        for look, size in ((bar.GetTitleTextProperty(), 16), (bar.GetLabelTextProperty(), 14)):
-            look.SetColor(0.0, 0.0, 0.0)
-            look.SetFontSize(size)
-            look.ItalicOff()
-            look.BoldOff()
-            look.ShadowOff()
+        bar: Any = vtkScalarBarActor(
+            title=title, lookup_table=table, orientation=0, number_of_labels=5, position=place, position2=(0.25, 0.08),
+            unconstrained_font_size=True,
+        )  # fmt: skip
+        for look, size in ((bar.title_text_property, 16), (bar.label_text_property, 14)):
+            look.color, look.font_size = (0.0, 0.0, 0.0), size
+            look.italic = look.bold = look.shadow = False
         self._put(bar, title)
 
     def _put(self, actor: Any, name: str) -> None:
@@ -207,10 +159,11 @@ class Stage:
             self.actors[name] = actor
         self.renderer.AddViewProp(actor)
 
-    def remove(self, name: str) -> None:
-        """Take away what has the name, if anything has."""
-        if name in self.actors:
-            self.renderer.RemoveViewProp(self.actors.pop(name))
+    def remove(self, *names: str) -> None:
+        """Take away what has these names, if anything has."""
+        for name in names:
+            if name in self.actors:
+                self.renderer.RemoveViewProp(self.actors.pop(name))
 
     # ---- how it is looked at ----------------------------------------------------------------------------------
 
@@ -226,11 +179,9 @@ class Stage:
         """
         from vtkmodules.vtkRenderingCore import vtkLight
 
-        active = self.renderer.GetActiveCamera()
-        active.SetPosition(*position)
-        active.SetFocalPoint(*target)
-        active.SetViewUp(0.0, 1.0, 0.0)
-        active.SetViewAngle(angle)
+        active = self.renderer.active_camera
+        active.position, active.focal_point = position.tolist(), target.tolist()
+        active.view_up, active.view_angle = (0.0, 1.0, 0.0), angle
         back = position - target
         right = np.cross([0.0, 1.0, 0.0], back)
         scale = float(np.linalg.norm(back))
@@ -240,12 +191,8 @@ class Stage:
             (back + 0.9 * right + [0.0, 0.2 * scale, 0.0], 0.3),
             (np.array([0.0, scale, 0.0]) - 0.3 * back, 0.34),
         ):
-            light = vtkLight()
-            light.SetLightTypeToSceneLight()
-            light.SetPosition(*(target + offset))
-            light.SetFocalPoint(*target)
-            light.SetIntensity(strength)
-            self.renderer.AddLight(light)
+            place = (target + offset).tolist()
+            self.renderer.AddLight(vtkLight(position=place, focal_point=target.tolist(), intensity=strength))
 
     def render(self) -> None:
         """Draw what is on the stage now."""
@@ -284,18 +231,15 @@ def polydata(points: np.ndarray, cells: np.ndarray, normals: np.ndarray | None =
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 
-    data, places, links = vtkPolyData(), vtkPoints(), vtkCellArray()
-    places.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
-    links.SetData(
-        cells.shape[1], numpy_to_vtkIdTypeArray(np.ascontiguousarray(cells.ravel(), dtype=np.int64), deep=True)
-    )
-    data.SetPoints(places)
-    if cells.shape[1] == 3:
-        data.SetPolys(links)
-    else:
-        data.SetLines(links)
+    def floats(values: np.ndarray) -> Any:
+        return numpy_to_vtk(np.ascontiguousarray(values, dtype=np.float32), deep=True)
+
+    links, corners = vtkCellArray(), np.ascontiguousarray(cells.ravel(), dtype=np.int64)
+    links.SetData(cells.shape[1], numpy_to_vtkIdTypeArray(corners, deep=True))
+    data = vtkPolyData(points=vtkPoints(data=floats(points)))
+    (data.SetPolys if cells.shape[1] == 3 else data.SetLines)(links)
     if normals is not None:
-        data.GetPointData().SetNormals(numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32), deep=True))
+        data.GetPointData().SetNormals(floats(normals))
     return data
 
 

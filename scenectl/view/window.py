@@ -94,8 +94,7 @@ class Window:
         if self.slice:
             picture.draw_slice(self.stage, self.height, now)
         else:
-            for name in ("slice", "slice surface", "distance (m)"):
-                self.stage.remove(name)
+            self.stage.remove("slice", "slice surface", "distance (m)")
 
 
 class _Controls:
@@ -131,29 +130,20 @@ class _Controls:
         """A slider near the lower edge, between two shares of the width; `moved` is told its value when let go of."""
         from vtkmodules.vtkInteractionWidgets import vtkSliderRepresentation2D, vtkSliderWidget
 
-        face, widget = vtkSliderRepresentation2D(), vtkSliderWidget()
-        face.SetMinimumValue(limits[0])
-        face.SetMaximumValue(limits[1])
-        face.SetValue(value)
-        face.SetTitleText(title)
+        face: Any = vtkSliderRepresentation2D(
+            minimum_value=limits[0], maximum_value=limits[1], value=value, title_text=title, slider_length=0.02,
+            slider_width=0.02, tube_width=0.004, title_height=0.02, label_height=0.02,
+        )  # fmt: skip
         for point, share in zip((face.GetPoint1Coordinate(), face.GetPoint2Coordinate()), across, strict=True):
             point.SetCoordinateSystemToNormalizedDisplay()
             point.SetValue(share, 0.08)
-        for look in (face.GetTitleProperty(), face.GetLabelProperty(), face.GetSliderProperty()):
-            look.SetColor(0.0, 0.0, 0.0)
-        for look in (face.GetTubeProperty(), face.GetCapProperty()):
-            look.SetColor(0.6, 0.6, 0.6)
-        for look in (face.GetTitleProperty(), face.GetLabelProperty()):
-            look.ShadowOff()
-            look.BoldOff()
-        face.SetSliderLength(0.02)
-        face.SetSliderWidth(0.02)
-        face.SetTubeWidth(0.004)
-        face.SetTitleHeight(0.02)
-        face.SetLabelHeight(0.02)
-        widget.SetInteractor(self.interactor)
-        widget.SetRepresentation(face)
-        widget.SetCurrentRenderer(self._stage.renderer)
+        face.slider_property.color = (0.0, 0.0, 0.0)
+        face.tube_property.color = face.cap_property.color = (0.6, 0.6, 0.6)
+        for look in (face.title_property, face.label_property):
+            look.color, look.shadow, look.bold = (0.0, 0.0, 0.0), False, False
+        widget: Any = vtkSliderWidget(
+            interactor=self.interactor, representation=face, current_renderer=self._stage.renderer
+        )
         widget.AddObserver("EndInteractionEvent", lambda *_: moved(face.GetValue()))
         widget.EnabledOn()
         self._sliders.append(widget)

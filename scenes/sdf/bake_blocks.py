@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.kernels import blocks as kernels
-from scenes.kernels import parts, rays, regions
+from scenes.kernels import blocks as kernels, parts, rays, regions
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface

@@ -62,8 +62,8 @@ def bench_control(
         generator: whose tokens and decoder all methods share.
         data: folder of the motion collection.
         clips: test clips for each joint and density.
-        methods: those of `METHODS` that shall run; by default all that the generator can.
-        joints, densities: those of `JOINTS` and `DENSITIES` that shall run.
+        methods: of `METHODS`; by default all that run with the generator.
+        joints, densities: of `JOINTS` and `DENSITIES`.
         scenes: "empty", or "pillars" that stand close to the recording's way, which touches none; there a body has to
             keep out of them besides.
         shortest: frames that a clip has at least; with 196, all are as long as a motion can be.

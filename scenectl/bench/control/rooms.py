@@ -40,7 +40,7 @@ LOW = {"corridor": (1.4, "a person walks forward and ducks")}
 """Scenes in which one ducks: the height (m) that is free along the path, and the prompt."""
 UPRIGHT = 1.8
 CLOSE, SHALLOW, QUICK = 0.05, 0.01, 1.0
-"""What a task shall keep to: metres from the target, metres deep in anything at worst, seconds to make it."""
+"""Stricter bounds, each with a rate of its own: metres from the target, metres deep at worst, seconds to make it."""
 TRIES = 200
 """Draws a task after which a room counts as too small to walk in."""
 
@@ -48,7 +48,7 @@ GOALS: tuple[dict[str, Any], ...] = (
     {"use": "sdf_penetration", "margin": 0.03, "kernel": "squared", "reduction": "sum", "weight": 300.0},
     {"use": "foot_contact", "kernel": "squared", "reduction": "sum", "weight": 100.0},
 )
-"""What a walk shall respect besides its path: a body's distance from the scene, and feet on the ground."""
+"""Goals of a walk besides its path: a body's distance from the scene, and feet on the ground."""
 
 
 @dataclass(frozen=True)

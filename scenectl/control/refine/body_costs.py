@@ -136,13 +136,13 @@ class BodyCosts:
 
 def approach(settings: SolverSettings, thresholds: Thresholds) -> SolverSettings:
     """For searches with a body's costs: many rows, most of them one-sided."""
-    fewer = min(settings.iterations, int(thresholds.approach))
+    fewer = min(settings.iterations, thresholds.approach)
     return settings.model_copy(update={"name": "lbfgs", "step": None, "iterations": fewer})
 
 
 def finish(settings: SolverSettings, thresholds: Thresholds) -> SolverSettings:
     """For searches without them from where such a search ended, which are short or lead nowhere."""
-    return settings.model_copy(update={"iterations": min(settings.iterations, int(thresholds.finish))})
+    return settings.model_copy(update={"iterations": min(settings.iterations, thresholds.finish)})
 
 
 def leads(objective: Objective, motion: Motion, context: Context, led: float = THRESHOLDS.led) -> bool:

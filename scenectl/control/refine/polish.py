@@ -31,7 +31,7 @@ Measured by `scenectl bench prices --threads 1` (row "smooth").
 
 def polishing(settings: SolverSettings, thresholds: Thresholds = THRESHOLDS) -> SolverSettings:
     """For the search in joints: few steps of the solver that fits, for every sample that is near its targets."""
-    fewer = min(settings.iterations, int(thresholds.polish_steps))
+    fewer = min(settings.iterations, thresholds.polish_steps)
     return settings.model_copy(update={"name": "auto", "step": None, "enough": None, "iterations": fewer})
 
 

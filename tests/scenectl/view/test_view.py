@@ -17,7 +17,7 @@ from scenectl.view import Picture, draw_scene
 from scenectl.view.camera import Sight, choose
 from scenectl.view.evidence import uncertain_blocks
 from scenectl.view.room import Room
-from scenectl.view.shapes import BodyShape, capsules, components, face_colours, ring, soft_shadow, tube
+from scenectl.view.shapes import body_hull, capsules, components, face_colours, ring, soft_shadow, tube
 from scenectl.view.stage import Stage, shaded
 from scenectl.view.window import Window
 from scenes.body.body import DEFAULT_BODY
@@ -53,7 +53,7 @@ def reddish(image: np.ndarray) -> float:
 
 def test_bodies_are_the_capsules_that_are_scored(tiny: ModuleType) -> None:
     joints = tiny.statue().double()
-    vertices, faces, normals = BodyShape(DEFAULT_BODY).hull(joints.numpy())
+    vertices, faces, normals = body_hull(DEFAULT_BODY, joints.numpy())
     assert vertices.shape == normals.shape
     assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
     samples = DEFAULT_BODY.points_of(joints).numpy()
@@ -125,7 +125,7 @@ def test_pictures_show_the_person(what: str, tiny: ModuleType, tmp_path: Path) -
 def test_clearance_colours_and_slices(tiny: ModuleType, tmp_path: Path) -> None:
     scene = Scene(primitives=[Box((0.45, 1.0, 0.0), (0.2, 2.0, 1.0))])
     picture = Picture(scene, walk(tiny))
-    clearance = picture.clearances(BodyShape(DEFAULT_BODY).hull(picture.joints(0)).points, 0)
+    clearance = picture.clearances(body_hull(DEFAULT_BODY, picture.joints(0)).points, 0)
     assert clearance.min() < 0.15 and clearance.max() <= 1.8
     grid = picture.slice_at(1.0)
     inside = scene.distance(torch.tensor([[0.45, 1.0, 0.0]]))

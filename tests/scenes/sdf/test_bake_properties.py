@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
 from scenes.mesh.mesh import Mesh
