@@ -181,11 +181,10 @@ def _axis_doubt(placed: Float[np.ndarray, "F 22 3"]) -> str:
 
 
 def _resample(joints: Float[np.ndarray, "F 22 3"], rate: float, fps: float) -> tuple[Float[np.ndarray, "G 22 3"], str]:
-    stride = round(rate / fps)
-    if len(joints) < 2 or (stride >= 1 and abs(rate / fps / stride - 1) < _RATE_SLACK):
-        return joints[
-            :: max(stride, 1)
-        ], f"{rate:.4g} fps, every {stride}. frame kept" if stride > 1 else f"{rate:.4g} fps"
+    stride = max(round(rate / fps), 1)
+    if len(joints) < 2 or abs(rate / fps / stride - 1) < _RATE_SLACK:
+        kept = f", every {stride}. frame kept" if stride > 1 else ""
+        return joints[::stride], f"{rate:.4g} fps{kept}"
     last = (len(joints) - 1) / rate
     at = np.arange(math.floor(last * fps + 1e-6) + 1) / fps
     between = interp1d(np.arange(len(joints)) / rate, joints, axis=0, fill_value="extrapolate")
