@@ -190,7 +190,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
-        "uncontrolled_pace_m_per_s": float(metrics.path_length(free)) * free.fps / (free.frames - 1),
+        "uncontrolled_pace_m_per_s": float(metrics.travelled(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
     }
 
