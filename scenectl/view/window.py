@@ -127,7 +127,7 @@ class _Controls:
         across: tuple[float, float],
         moved: Callable[[float], None],
     ) -> None:
-        """A slider near the lower edge, between two shares of the width; `moved` is told its value when let go of."""
+        """A slider near the lower edge, between two shares of the width; `moved` is told its value at its release."""
         from vtkmodules.vtkInteractionWidgets import vtkSliderRepresentation2D, vtkSliderWidget
 
         face: Any = vtkSliderRepresentation2D(

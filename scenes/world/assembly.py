@@ -234,7 +234,7 @@ class Assembly:
         return np.zeros(3, dtype=int), np.array(self.lattice.shape)
 
     def _keep_handed_out(self) -> None:
-        """Leave values that somebody holds to them."""
+        """Copy values that are handed out."""
         if self._handed_out:
             self._values = self._values.copy()
             self._handed_out = False
