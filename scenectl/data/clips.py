@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 from torch import Tensor
 
 from scenectl.data.augment import Augmentation, augmented
@@ -22,6 +22,7 @@ from scenectl.data.corpus import CREDITS, Clip, load_motions
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenectl.data.kinds import kind_of
 from scenes.errors import UserError
+from scenes.files import atomic_write
 
 _FORMAT = 7
 """Raised whenever prepared data must be made again."""
@@ -164,14 +165,12 @@ def _store(clips: Sequence[Clip], path: Path) -> None:
         "licences": [clip.licence for clip in clips],
         "commercial": [clip.commercial_ok for clip in clips],
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")
     arrays = {
         "features": np.concatenate(features).astype(np.float32),
         "starts": np.cumsum([0] + [len(f) for f in features]).astype(np.int64),
     }
-    save_file(arrays, temporary, metadata={"about": json.dumps(about)})
-    temporary.replace(path)
+    with atomic_write(path) as file:
+        file.write(save(arrays, metadata={"about": json.dumps(about)}))
 
 
 def _load(path: Path) -> ClipSet:

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_sequence
 
 from scenectl.data.features import CONTACTS, FEATURES, GROUPS, POSITIONS, ROTATIONS, VELOCITIES
-from scenectl.evaluation.guo_text import CLASSES, WORD, Vocabulary, read_array, read_tagged, tokens_of
+from scenectl.evaluation.guo_text import CLASSES, WORD, Vocabulary, read_floats, read_tagged, tokens_of
 from scenectl.evaluation.motions import LONGEST, STRIDE, Padded
 from scenes.errors import UserError
 
@@ -146,7 +146,7 @@ def load_guo(folder: str | Path) -> GuoEvaluator:
         UserError: a file is missing, damaged, of another network, or the normalisation is not the evaluator's.
     """
     folder = Path(folder)
-    mean, std = (read_array(folder / f"t2m_{name}.npy", (FEATURES,)) for name in ("mean", "std"))
+    mean, std = (read_floats(folder / f"t2m_{name}.npy", FEATURES, "[263]") for name in ("mean", "std"))
     check_normalisation(std, folder / "t2m_std.npy")
     network = GuoNetwork()
     _fill(network, folder / "finest.tar")

@@ -221,14 +221,13 @@ class Loop:
                 f"training state '{self.state_path}' does not fit this config ({reason}); "
                 "delete the folder to start afresh"
             ) from error
-        for i, parameter in enumerate(self.parameters):
-            moments = {
-                k: tensors[f"moment.{i}.{k}"] for k in ("step", "exp_avg", "exp_avg_sq") if f"moment.{i}.{k}" in tensors
-            }
-            if moments:  # the count of steps stays on the CPU, where AdamW expects it
-                self.optimiser.state[parameter] = {
-                    k: t if k == "step" else t.to(parameter.device) for k, t in moments.items()
-                }
+        for name in tensors:
+            if name.startswith("moment."):
+                _, i, key = name.split(".")
+                parameter = self.parameters[int(i)]
+                # The count of steps stays on the CPU, where AdamW expects it.
+                moment = tensors[name] if key == "step" else tensors[name].to(parameter.device)
+                self.optimiser.state[parameter][key] = moment
 
     def _resume_curve(self) -> None:
         path = self.folder / "curve.json"

@@ -117,7 +117,7 @@ class _Controls:
         style.AddObserver("CharEvent", lambda *_: None)  # in place of VTK's own keys, s for surfaces among them
         self.interactor.SetInteractorStyle(style)
         self.interactor.AddObserver("KeyPressEvent", self._pressed)
-        self._stage, self._sliders = stage, list[Any]()  # VTK forgets widgets that nobody holds
+        self._stage, self._sliders = stage, list[Any]()  # VTK drops widgets without a reference
 
     def slider(
         self,
@@ -127,7 +127,7 @@ class _Controls:
         across: tuple[float, float],
         moved: Callable[[float], None],
     ) -> None:
-        """A slider near the lower edge, between two shares of the width; `moved` is told its value when let go of."""
+        """A slider near the lower edge, between two shares of the width; `moved` is told its value at its release."""
         from vtkmodules.vtkInteractionWidgets import vtkSliderRepresentation2D, vtkSliderWidget
 
         face: Any = vtkSliderRepresentation2D(

@@ -32,7 +32,7 @@ from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.refiner import train_refiner
+from scenectl.generators.mscot.training.reconstruction import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.threads import use

@@ -18,10 +18,9 @@ from scenectl.generators.mscot.networks.preconditioner import Preconditioner
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Decoder, Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
-from scenectl.generators.mscot.training.decoder import train_decoder
 from scenectl.generators.mscot.training.measures import code_use, least_use, measure_tokenizer, round_trip
 from scenectl.generators.mscot.training.preconditioner import measure_preconditioner
-from scenectl.generators.mscot.training.refiner import train_refiner
+from scenectl.generators.mscot.training.reconstruction import train_decoder, train_refiner
 from scenectl.generators.mscot.training.tokenizer import REVIVED, TokenizerTraining, train_tokenizer
 from scenectl.generators.mscot.training.transformer import (
     TransformerTraining,
