@@ -11,6 +11,7 @@ from .body.proxies import (
 from .body.rig import Part as Part, Rig as Rig
 from .body.urdf import read_urdf as read_urdf
 from .errors import UserError as UserError
+from .mesh.csg import csg as csg
 from .mesh.mesh import Mesh as Mesh, load_mesh as load_mesh, load_parts as load_parts
 from .mesh.primitives import (
     PRIMITIVES as PRIMITIVES,
@@ -20,12 +21,11 @@ from .mesh.primitives import (
     Plane as Plane,
     Primitive as Primitive,
     Sphere as Sphere,
-    Waypoints as Waypoints,
-    csg as csg,
     primitive as primitive,
 )
 from .motion.motion import Motion as Motion, Pose2D as Pose2D
 from .motion.skeleton import HUMANML3D as HUMANML3D, Skeleton as Skeleton
+from .motion.waypoints import Waypoints as Waypoints
 from .sdf.bake import Bake as Bake, bake as bake, default_cache as default_cache
 from .sdf.bake_blocks import bake_blocks as bake_blocks
 from .sdf.blocks import SdfBlocks as SdfBlocks

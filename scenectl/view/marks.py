@@ -30,7 +30,7 @@ def draw_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequenc
         floor: height (m) of what states none.
         times: seconds.
     """
-    for mark in (mark for mark in marks if mark.times is None):
+    for mark in (mark for mark in marks if not _moves(mark)):
         _draw(stage, mark, places(mark, floor), opacity_of(mark))
     draw_moving_marks(stage, marks, floor, times)
 
@@ -38,11 +38,12 @@ def draw_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequenc
 def draw_moving_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
     """Draw those marks that move, at some times (s), in place of where they were drawn before."""
     for k, mark in enumerate(marks):
-        if mark.times is None:
-            continue
-        for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)):
-            now = int((mark.times - time).abs().argmin())
-            _draw(stage, mark, places(mark, floor)[now], share * opacity_of(mark), f"mark {k} {i}")
+        for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if _moves(mark) else ():
+            _draw(stage, mark, places(mark, floor, time), share * opacity_of(mark), f"mark {k} {i}")
+
+
+def _moves(mark: Mark) -> bool:
+    return mark.times is not None and bool((mark.points != mark.points[:1]).any())
 
 
 def fading(count: int) -> list[float]:
@@ -51,9 +52,10 @@ def fading(count: int) -> list[float]:
     return [0.15 + 0.85 * float(share) ** 2 for share in shares]
 
 
-def places(mark: Mark, floor: float) -> np.ndarray:
-    """Points of a mark, ``[P, 3]`` or ``[T, P, 3]`` m; those without a height a little over the floor."""
-    points: np.ndarray = mark.points.detach().cpu().double().numpy().copy()
+def places(mark: Mark, floor: float, time: float = 0.0) -> np.ndarray:
+    """Points of a mark at a time (s), ``[P, 3]`` m; those without a height a little over the floor."""
+    now = mark.points if mark.times is None else mark.points[(mark.times - time).abs().argmin()]
+    points: np.ndarray = now.detach().cpu().double().numpy().copy()
     points[..., 1] = np.where(np.isnan(points[..., 1]), floor + LIFT, points[..., 1])
     return points
 

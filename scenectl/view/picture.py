@@ -169,8 +169,9 @@ class Picture:
         if self.path is not None:
             wanted.append(self.path[::10])
         spots = [mark for mark in self.marks if mark.role == "goal" and mark.shape in ("ball", "ring")]
-        wanted += [places(mark, self.scene.floor.height).reshape(-1, 3) for mark in spots]
-        return choose(np.concatenate(wanted), sight, along, aspect)
+        wanted += [places(mark, self.scene.floor.height) for mark in spots]
+        points = np.concatenate(wanted)
+        return choose(points[np.isfinite(points).all(axis=1)], sight, along, aspect)
 
     # ---- the parts of a picture -------------------------------------------------------------------------------
 

@@ -117,7 +117,7 @@ class _Controls:
         style.AddObserver("CharEvent", lambda *_: None)  # in place of VTK's own keys, s for surfaces among them
         self.interactor.SetInteractorStyle(style)
         self.interactor.AddObserver("KeyPressEvent", self._pressed)
-        self._stage, self._sliders = stage, list[Any]()  # VTK forgets widgets that nobody holds
+        self._stage, self._sliders = stage, list[Any]()  # VTK drops widgets without a reference
 
     def slider(
         self,

@@ -102,7 +102,7 @@ class ProxyBody:
     fingers (about 8 cm), toes (about 6 cm) and the sole of the heel are not covered.
 
     Attributes:
-        skeleton: the joints the indices speak of.
+        skeleton: the joints that the indices number.
         spheres: one on every joint, in the skeleton's order, then those past the joints.
         capsules: one on every bone.
         sole_offset: metres from the lowest foot joint down to the sole. A canonical motion has that joint at

@@ -65,7 +65,7 @@ class Proxies:
     """Capsules around all links of a character or a robot. `fit_proxies` makes them.
 
     Frames are rigid transforms from links to the world, ``[*b, L, 4, 4]``, in the order of `links`; what a robot's
-    forward kinematics gives, in any world as long as the distance field speaks of the same one.
+    forward kinematics gives, in any world as long as the distance field is in the same one.
 
     Attributes:
         name, source: of the rig.

@@ -3,104 +3,63 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import MISSING, dataclass
-from functools import reduce
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh
 from scenes.motion.frames import about_y
-
-Number: TypeAlias = float | int
-Vector: TypeAlias = Sequence[Number]
-"""Three numbers x, y, z; stored as a tuple of floats."""
+from scenes.motion.waypoints import Number, Vector, Waypoints, moment
+from scenes.numbers import finite, positive, vector
 
 
-def _vector(value: Any, what: str) -> tuple[float, float, float]:
-    """Whatever was given as a point; it may come straight from a task file."""
-    try:
-        x, y, z = (float(number) for number in value)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{what} is {value!r}; give three numbers x, y, z in metres") from error
-    if not all(math.isfinite(number) for number in (x, y, z)):
-        raise UserError(f"{what} is {value!r}; give three finite numbers x, y, z in metres")
+def _sizes(value: Any, what: str) -> tuple[float, float, float]:
+    x, y, z = (positive(length, what) for length in vector(value, what))
     return x, y, z
 
 
-def _number(value: Any, what: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UserError(f"{what} is {value!r}; give a finite number")
-    return float(value)
+def _motion(value: Any, what: str) -> Waypoints | None:
+    """Waypoints, or a table of them as a task file states it."""
+    if value is None or isinstance(value, Waypoints):
+        return value
+    if not isinstance(value, dict) or set(value) != {"times", "positions"}:
+        raise UserError(f"{what} is a table of exactly 'times' and 'positions', not {value!r}")
+    if not all(isinstance(entry, list | tuple) for entry in value.values()):
+        raise UserError(f"the 'times' and 'positions' of a {what} are lists, not {value!r}")
+    return Waypoints(**value)
 
 
-def _positive(value: Any, what: str) -> float:
-    if (number := _number(value, what)) <= 0:
-        raise UserError(f"{what} is {value}; give a positive number of metres")
-    return number
+_CHECKS: dict[str, Callable[[Any, str], Any]] = {
+    **dict.fromkeys(("center", "a", "b", "point", "normal"), vector),
+    **dict.fromkeys(("radius", "height"), positive),
+    "size": _sizes,
+    "yaw": finite,
+    "motion": _motion,
+}
+"""What becomes of a shape's field, by its name."""
 
 
-@dataclass(frozen=True)
-class Waypoints:
-    """Positions at times: straight lines between them, held before the first and after the last.
-
-    Attributes:
-        times: seconds on the task's clock, ``[K]``, strictly increasing.
-        positions: metres, world, ``[K, 3]``.
-    """
-
-    times: Sequence[Number]
-    positions: Sequence[Vector]
+class _Shape:
+    """Fields of a shape are checked, and stored as floats."""
 
     def __post_init__(self) -> None:
-        times = tuple(_number(time, f"waypoint time {i}") for i, time in enumerate(self.times))
-        positions = tuple(_vector(p, f"waypoint {i}") for i, p in enumerate(self.positions))
-        if len(times) == 0 or len(times) != len(positions):
-            raise UserError(f"waypoints have {len(times)} times and {len(positions)} positions; give as many of each")
-        if any(b <= a for a, b in zip(times, times[1:], strict=False)):
-            raise UserError(f"waypoint times are {list(times)}; give seconds, each later than the one before")
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", positions)
+        for entry in fields(self):  # type: ignore[arg-type]  # every shape is a dataclass
+            object.__setattr__(self, entry.name, self.checked(entry.name, getattr(self, entry.name)))
 
-    def at(self, time: Float[Tensor, "*t"]) -> Float[Tensor, "*t 3"]:
-        """Position (m) at each time (s), differentiable in time."""
-        leg, share = self.leg(time)
-        steps = np.diff(self.positions, axis=0) if len(self.times) > 1 else np.zeros((1, 3))
-        return time.new_tensor(self.positions)[leg] + share.unsqueeze(-1) * time.new_tensor(steps)[leg]
-
-    def leg(self, time: Float[Tensor, "*t"]) -> tuple[Int[Tensor, "*t"], Float[Tensor, "*t"]]:
-        """Which of the K - 1 legs each time (s) belongs to, and the share of it that has passed, 0 to 1.
-
-        A single waypoint counts as one leg, of which nothing ever passes.
-        """
-        if len(self.times) == 1:
-            return torch.zeros_like(time, dtype=torch.long), torch.zeros_like(time)
-        times = time.new_tensor(self.times)
-        leg = (torch.bucketize(time.detach(), times) - 1).clamp(0, len(self.times) - 2)
-        return leg, ((time - times[leg]) / (times[leg + 1] - times[leg])).clamp(0.0, 1.0)
-
-    def offset(self, time: Tensor | None, like: Tensor) -> Tensor:
-        """Position at `time`, or at 0 s when no time is given, with the type and device of `like`."""
-        return self.at(clock(time, like))
-
-
-def clock(time: Tensor | None, like: Tensor) -> Tensor:
-    """A time (s) with the type and device of `like`; 0 s when none is given."""
-    return like.new_zeros(()) if time is None else torch.as_tensor(time).to(like)
-
-
-def moment(time: Number) -> Float[Tensor, ""]:
-    """One time (s) in double precision."""
-    return torch.tensor(time, dtype=torch.float64)
+    @classmethod
+    def checked(cls, name: str, value: Any) -> Any:
+        """What a field becomes; raises UserError for a value that it cannot have."""
+        return _CHECKS[name](value, f"{cls.__name__.lower()} {'end ' if name in ('a', 'b') else ''}{name}")
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(_Shape):
     """A box, upright, turned by `yaw`.
 
     Attributes:
@@ -112,13 +71,6 @@ class Box:
     center: Vector
     size: Vector
     yaw: Number = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", _vector(self.center, "box center"))
-        object.__setattr__(self, "size", _vector(self.size, "box size"))
-        for length in self.size:
-            _positive(length, "box size")
-        object.__setattr__(self, "yaw", _number(self.yaw, "box yaw"))
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive outside) at `points` (m); `time` is ignored, a box does not move."""
@@ -136,7 +88,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Shape):
     """A ball.
 
     Attributes:
@@ -148,10 +100,6 @@ class Sphere:
     center: Vector
     radius: Number
     motion: Waypoints | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", _vector(self.center, "sphere center"))
-        object.__setattr__(self, "radius", _positive(self.radius, "sphere radius"))
 
     def center_at(self, time: Tensor | None, like: Tensor) -> Float[Tensor, "*t 3"]:
         """Centre (m) at `time` (s); at 0 s when None."""
@@ -172,7 +120,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(_Shape):
     """All points within `radius` of the segment from `a` to `b`.
 
     Attributes:
@@ -185,11 +133,6 @@ class Capsule:
     b: Vector
     radius: Number
     motion: Waypoints | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "a", _vector(self.a, "capsule end a"))
-        object.__setattr__(self, "b", _vector(self.b, "capsule end b"))
-        object.__setattr__(self, "radius", _positive(self.radius, "capsule radius"))
 
     def ends_at(self, time: Tensor | None, like: Tensor) -> tuple[Float[Tensor, "*t 3"], Float[Tensor, "*t 3"]]:
         """Both ends (m) at `time` (s); at 0 s when None."""
@@ -222,7 +165,7 @@ class Capsule:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(_Shape):
     """An upright cylinder.
 
     Attributes:
@@ -233,11 +176,6 @@ class Cylinder:
     center: Vector
     radius: Number
     height: Number
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", _vector(self.center, "cylinder center"))
-        object.__setattr__(self, "radius", _positive(self.radius, "cylinder radius"))
-        object.__setattr__(self, "height", _positive(self.height, "cylinder height"))
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive outside) at `points` (m); `time` is ignored."""
@@ -257,7 +195,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(_Shape):
     """The half space behind a plane.
 
     Attributes:
@@ -269,12 +207,11 @@ class Plane:
     normal: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", _vector(self.point, "plane point"))
-        normal = _vector(self.normal, "plane normal")
-        length = math.sqrt(sum(n * n for n in normal))
+        super().__post_init__()
+        length = math.sqrt(sum(n * n for n in self.normal))
         if length == 0:
             raise UserError("plane normal is (0, 0, 0); give the direction in which space is free")
-        object.__setattr__(self, "normal", tuple(n / length for n in normal))
+        object.__setattr__(self, "normal", tuple(n / length for n in self.normal))
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive in front) at `points` (m); `time` is ignored."""
@@ -319,59 +256,4 @@ def primitive(shape: str, **parameters: Any) -> Primitive:
     missing = [name for name, entry in known.items() if entry.default is MISSING and name not in parameters]
     if missing:
         raise UserError(f"primitive '{shape}': missing {' and '.join(missing)}; it takes {', '.join(known)}")
-    return kind(**{name: _parsed(name, value, shape) for name, value in parameters.items()})
-
-
-def _parsed(name: str, value: Any, shape: str) -> Any:
-    """A parameter's plain value as its class takes it."""
-    if name == "motion":
-        if isinstance(value, Waypoints):
-            return value
-        if not isinstance(value, dict) or set(value) != {"times", "positions"}:
-            raise UserError(f"primitive '{shape}': motion is a table of exactly 'times' and 'positions', not {value!r}")
-        times, positions = value["times"], value["positions"]
-        if not isinstance(times, list | tuple) or not isinstance(positions, list | tuple):
-            raise UserError(f"primitive '{shape}': motion's 'times' and 'positions' are lists, not {value!r}")
-        numbers = tuple(_number(time, f"waypoint time {i}") for i, time in enumerate(times))
-        return Waypoints(numbers, tuple(_vector(p, f"waypoint {i}") for i, p in enumerate(positions)))
-    what = f"{shape} {name}"
-    return _number(value, what) if name in ("radius", "height", "yaw") else _vector(value, what)
-
-
-def csg(op: str, *parts: Primitive | Mesh) -> Mesh:
-    """Combine solids into one closed mesh, through manifold3d.
-
-    Args:
-        op: "union", "difference" (the first minus all others) or "intersection".
-        parts: closed meshes facing outward, or primitives (their meshes at 0 s); at least one, no planes.
-
-    Raises:
-        UserError: unknown op, no parts, a part that is not a closed solid, or nothing left.
-    """
-    import manifold3d
-
-    symbols = {"union": lambda a, b: a + b, "difference": lambda a, b: a - b, "intersection": lambda a, b: a ^ b}
-    if op not in symbols:
-        raise UserError(f"unknown CSG operation '{op}'{did_you_mean(op, symbols)}")
-    if not parts:
-        raise UserError(f"CSG {op} of nothing; give at least one solid")
-    result = reduce(symbols[op], [_solid(part, index, manifold3d) for index, part in enumerate(parts)])
-    mesh = result.to_mesh64()
-    if len(mesh.tri_verts) == 0:
-        raise UserError(f"CSG {op} leaves nothing; check the places and sizes of its {len(parts)} parts")
-    return Mesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts), op, f"csg {op}")
-
-
-def _solid(part: Primitive | Mesh, index: int, manifold3d: Any) -> Any:
-    if isinstance(part, Plane):
-        raise UserError(f"CSG part {index} is a plane, which has no volume; use a large box")
-    mesh = part if isinstance(part, Mesh) else part.mesh()
-    from scenes.mesh.surface import clean
-
-    vertices, faces, _, _ = clean(mesh.vertices, mesh.faces)
-    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
-    if solid.status() != manifold3d.Error.NoError or solid.volume() <= 0:
-        raise UserError(
-            f"CSG part {index} ('{mesh.name}') is not a closed solid facing outward ({solid.status().name}); repair it"
-        )
-    return solid
+    return kind(**{name: kind.checked(name, value) for name, value in parameters.items()})

@@ -14,7 +14,6 @@ import torch
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
-from scenectl.control.refine.body_costs import stretches
 from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
@@ -23,6 +22,7 @@ from scenectl.tasks.schema import Start, Walk
 from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
+from scenes.motion.bones import stretches
 from scenes.motion.motion import Motion
 from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import path_length
@@ -190,7 +190,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
-        "uncontrolled_pace_m_per_s": float(metrics.path_length(free)) * free.fps / (free.frames - 1),
+        "uncontrolled_pace_m_per_s": float(metrics.travelled(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
     }
 

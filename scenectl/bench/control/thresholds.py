@@ -10,13 +10,14 @@ from typing import Any
 from objectives import Context, Objective, Term
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import FreeStart, ObjectiveGuide, SolverSettings, refine
-from scenectl.control.refine.body_costs import BodyCosts, bone_errors
+from scenectl.control.refine.body_costs import BodyCosts
 from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.thresholds import THRESHOLDS, Thresholds, entries
 from scenectl.generators.base import Generator, Step
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.primitives import Box
+from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Pose2D
 from scenes.world.scene import Scene
 

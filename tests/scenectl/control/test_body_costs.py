@@ -9,10 +9,11 @@ import torch
 
 from objectives import Context, Objective, Term
 from scenectl.control import ObjectiveGuide, Refined, SolverSettings, refine
-from scenectl.control.refine.body_costs import BodyCosts, bone_errors
+from scenectl.control.refine.body_costs import BodyCosts
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators import load_generator
 from scenes.body.body import DEFAULT_BODY
+from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
 from scenes.world.scene import Scene

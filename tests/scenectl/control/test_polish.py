@@ -9,7 +9,6 @@ import torch
 
 from objectives import Context, Objective, Term
 from scenectl.control import SolverSettings, refine
-from scenectl.control.refine.body_costs import bone_errors
 from scenectl.control.refine.polish import SmoothStep, kept
 from scenectl.control.refine.setting import Setting
 from scenectl.control.solvers.problem import Solution
@@ -18,6 +17,7 @@ from scenectl.generators.base import Step
 from scenectl.generators.steps import DecodedStep
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenes.body.body import DEFAULT_BODY
+from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
 from tests.scenectl.small import walk

@@ -20,9 +20,10 @@ from scenectl.measures.metrics import (
     skating_ratio,
 )
 from scenes.body.body import DEFAULT_BODY
-from scenes.mesh.primitives import Box, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Sphere
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.waypoints import Waypoints
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene
 from tests.scenectl.small import walk

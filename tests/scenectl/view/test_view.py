@@ -22,9 +22,10 @@ from scenectl.view.stage import Stage, shaded
 from scenectl.view.window import Window
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Sphere
 from scenes.mesh.surface import Surface
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.waypoints import Waypoints
 from scenes.sdf.signs import UNCERTAIN
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled

@@ -14,8 +14,9 @@ import trimesh
 from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh, load_mesh
-from scenes.mesh.primitives import Box, Capsule, Cylinder, Sphere, csg
+from scenes.mesh.primitives import Box, Capsule, Cylinder, Sphere
 from scenes.sdf.accuracy import impossible_flips, measure
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.distances import FAR_ERROR
