@@ -22,8 +22,6 @@ from scenes.errors import UserError, did_you_mean
 from scenes.files import read_array
 
 SPLITS = ("train", "val", "test")
-LENGTHS = range(40, 200)
-"""Frames of a clip, as in the data set's own evaluation (protocol 3.4)."""
 LICENCE = "HumanML3D (MIT) on AMASS (non-commercial research)"
 
 
@@ -95,16 +93,20 @@ class HumanML3D:
             raise UserError(f"HumanML3D folder '{self.folder}' has no {split}.txt, the list of ids of that split")
         return path.read_text(encoding="utf-8").split()
 
-    def clips(self, split: str, mirrored: bool = True) -> Iterator[FeatureClip]:
+    def clips(
+        self, split: str, min_frames: int = 40, max_frames: int = 199, mirrored: bool = True
+    ) -> Iterator[FeatureClip]:
         """Clips of a split in the order of its list; ids without files are passed over.
 
         Copies without AMASS's HumanAct12 part lack some thousand.
 
-        Captions of the same part share a clip, in the order of the file. Clips and parts of other lengths than
-        `LENGTHS` are left out.
+        Captions of the same part share a clip, in the order of the file. The default lengths are those of the
+        data set's own evaluation, 40 <= frames < 200 (protocol 3.4).
 
         Args:
             split: "train", "val" or "test".
+            min_frames: shorter clips and parts are left out.
+            max_frames: longer ones too.
             mirrored: whether to include mirrored copies.
 
         Raises:
@@ -118,7 +120,7 @@ class HumanML3D:
             )
         for name in present:
             for clip in self._parts(name):
-                if len(clip.features) in LENGTHS:
+                if min_frames <= len(clip.features) <= max_frames:
                     yield clip
 
     def _paths(self, name: str) -> tuple[Path, Path]:

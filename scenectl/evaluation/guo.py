@@ -144,11 +144,9 @@ def load_guo(folder: str | Path) -> GuoEvaluator:
     folder = Path(folder)
     mean, std = (read_floats(folder / f"t2m_{name}.npy", FEATURES, "[263]") for name in ("mean", "std"))
     check_normalisation(std, folder / "t2m_std.npy")
-    network = GuoNetwork()
+    network = GuoNetwork().eval().requires_grad_(False)
     _fill(network, folder / "finest.tar")
-    return GuoEvaluator(
-        network.eval().requires_grad_(False), mean, std, Vocabulary.read(folder), read_tagged(folder / "texts")
-    )
+    return GuoEvaluator(network, mean, std, Vocabulary.read(folder), read_tagged(folder / "texts"))
 
 
 def check_normalisation(std: Float[Tensor, "263"], path: Path) -> None:

@@ -131,9 +131,7 @@ def _table(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
 
 
 def _over(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    both = [
-        key for key in base.keys() & changes.keys() if isinstance(base[key], dict) and isinstance(changes[key], dict)
-    ]
+    both = [key for key, value in changes.items() if isinstance(value, dict) and isinstance(base.get(key), dict)]
     return base | changes | {key: _over(base[key], changes[key]) for key in both}
 
 
