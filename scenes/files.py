@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 import time
@@ -39,6 +40,12 @@ def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def write_json(value: Any, path: Path, **settings: Any) -> None:
+    """Write JSON; the file is whole or absent."""
+    with atomic_write(path, "w") as file:
+        json.dump(value, file, indent=1, **settings)
 
 
 def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:

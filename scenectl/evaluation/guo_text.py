@@ -83,16 +83,11 @@ class Vocabulary:
 
     def read_tokens(self, tokens: Sequence[str]) -> tuple[Float[Tensor, "L 300"], Int[Tensor, " L"]]:
         """Vectors and classes of tokens ``walk/VERB``, with the start and the end around the first 20 of them."""
-        pairs = [(_START, "OTHER"), *map(_split, tokens[:MOST_WORDS]), (_END, "OTHER")]
+        pairs = [(_START, "OTHER"), *(token.rpartition("/")[::2] for token in tokens[:MOST_WORDS]), (_END, "OTHER")]
         known = [(word, tag) if word in self.rows else (_UNKNOWN, "OTHER") for word, tag in pairs]
         classes = [_LISTED.get(word, tag if tag in CLASSES else "OTHER") for word, tag in known]
         rows = torch.tensor([self.rows[word] for word, _ in known])
         return self.vectors[rows], torch.tensor([CLASSES.index(name) for name in classes])
-
-
-def _split(token: str) -> tuple[str, str]:
-    word, _, tag = token.rpartition("/")
-    return word, tag
 
 
 def read_tagged(folder: Path) -> dict[str, tuple[str, ...]]:

@@ -13,7 +13,7 @@ from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Recipe, Variant, load_recipe
 from scenectl.training.stages import Comparison, Run, Training
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, write_json
 
 Row = dict[str, Any]
 Tell = Callable[[str, float], None]
@@ -102,11 +102,9 @@ def write_table(rows: Sequence[Row], path: Path, title: str) -> None:
     """Write rows as a Markdown table (`path`.md) and as JSON (`path`.json), each whole or not at all."""
     columns = list(dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, dict)))
     lines = [f"# {title}", "", *table(columns, ([_cell(row.get(column)) for column in columns] for row in rows))]
-    path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path.with_suffix(".md"), "w") as file:
         file.write("\n".join([*lines, ""]))
-    with atomic_write(path.with_suffix(".json"), "w") as file:
-        json.dump({"title": title, "rows": rows}, file, indent=1)
+    write_json({"title": title, "rows": rows}, path.with_suffix(".json"))
 
 
 def _row(run: Run[Any], comparison: Comparison, variant: Variant, measure: Measure | None) -> Row:
@@ -129,8 +127,7 @@ def _row(run: Run[Any], comparison: Comparison, variant: Variant, measure: Measu
         "frames_per_second": loop.frames_per_second,
         **(measure(run) if measure is not None else {}),
     }
-    with atomic_write(path, "w") as file:
-        json.dump(row, file, indent=1)
+    write_json(row, path)
     return row
 
 

@@ -55,9 +55,8 @@ def _train(
 
     def step(_: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         features = job.data.draw_any(settings.frames, settings.loop.batch, generator)
-        with torch.no_grad():
-            tokens = tokenizer.encode(features)
-            codes = [tokenizer.quantiser.lookup(k, t) for k, t in enumerate(tokens)]
+        tokens = tokenizer.encode(features)
+        codes = [tokenizer.quantiser.lookup(k, t) for k, t in enumerate(tokens)]
         got = decoded(codes, tokens[-1].shape[-1]).float()
         loss, error = reconstruction_loss(got, features, tokenizer.std, settings.reconstruction)
         return loss, {"error_m": error, FRAMES: float(features.shape[:2].numel())}
