@@ -48,10 +48,10 @@ def write_json(value: Any, path: Path, **settings: Any) -> None:
         json.dump(value, file, indent=1, **settings)
 
 
-def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:
+def read_arrays(path: str | Path, what: str, build: Callable[[Any], T], remedy: str = "bake again") -> T:
     """``build(arrays)`` of an .npz file; raises UserError where there is none or `build` finds it unsound.
 
-    `what` names the content, such as "distance grid". Nothing that is pickled is read.
+    `what` names the content, such as "distance grid", and `remedy` says what to do. Nothing that is pickled is read.
     """
     path = Path(path)
     if not path.is_file():
@@ -60,7 +60,7 @@ def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:
         with np.load(path, allow_pickle=False) as data:
             return build(data)
     except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); bake again") from error
+        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); {remedy}") from error
 
 
 def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarray:

@@ -95,10 +95,7 @@ class Trajectory:
         By Rodrigues' formula the rotation is R exp(a [n]) = R + sin(a) R [n] + (1 - cos(a)) R [n]^2 after the angle a.
         """
         axis, angle = self._steps
-        none = np.zeros(len(axis))
-        cross = np.array(
-            [[none, -axis[:, 2], axis[:, 1]], [axis[:, 2], none, -axis[:, 0]], [-axis[:, 1], axis[:, 0], none]]
-        ).transpose(2, 0, 1)
+        cross = np.cross(axis[:, None], np.eye(3)).transpose(0, 2, 1)  # its columns are n x e
         still = rotations(self._unit[: len(axis)])
         return still, still @ cross, still @ cross @ cross, angle
 
