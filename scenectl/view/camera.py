@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -54,15 +54,14 @@ class Sight:
         self.triangles, self.one_sided = triangles, one_sided
         edge_a, edge_b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
         self.normals = np.cross(edge_a, edge_b)
-        self._locator: Any = None
+        self._locator = vtkStaticCellLocator()
         if len(triangles):
-            self._locator = vtkStaticCellLocator()
             self._locator.SetDataSet(facets(triangles))
             self._locator.BuildLocator()
 
     def covering(self, eye: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Indices of the triangles that cover `point` when seen from `eye`."""
-        if self._locator is None:
+        if not len(self.triangles):
             return np.zeros(0, dtype=int)
         from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
 

@@ -47,7 +47,9 @@ def draw_evidence(stage: Plotter, scene: Scene) -> None:
     summaries = []
     for mesh, result in zip(scene.meshes, scene.bakes, strict=True):
         if (blocks := uncertain_blocks(result)) is not None:
-            stage.add_mesh(blocks, **scaled(_AGREEING, "plasma", (0, UNCERTAIN), 0.7), opacity=0.35, lighting=False)
+            stage.add_mesh(
+                blocks, **scaled(_AGREEING, "plasma", (0.0, float(UNCERTAIN)), 0.7), opacity=0.35, lighting=False
+            )
         edges = Surface.of(mesh).open_edges
         if len(edges):
             stage.add_lines(edges.reshape(-1, 3), color=GOAL, width=2)

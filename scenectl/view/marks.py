@@ -22,22 +22,14 @@ _LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
 """Radii (m) of lines and of the dot in a ring, and the least of a ring: seen from across a room."""
 
 
-def draw_marks(stage: Plotter, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
-    """Draw marks; what moves is drawn where it is at each of some times (s), pale at first and solid at last.
-
-    Args:
-        stage: to draw on; what was drawn before stays, but for what moves.
-        marks: of goals.
-        floor: height (m) of what states none.
-        times: seconds.
-    """
+def draw_marks(stage: Plotter, marks: Sequence[Mark], floor: float) -> None:
+    """Draw those marks that stand still; `floor` is the height (m) of what states none."""
     for mark in (mark for mark in marks if not _moves(mark)):
         _draw(stage, mark, places(mark, floor), opacity_of(mark))
-    draw_moving_marks(stage, marks, floor, times)
 
 
 def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
-    """Draw those marks that move, at some times (s), in place of where they were drawn before."""
+    """Draw those marks that move in place of where they were: at some times (s), pale at first and solid at last."""
     for k, mark in enumerate(marks):
         for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if _moves(mark) else ():
             _draw(stage, mark, places(mark, floor, time), share * opacity_of(mark), f"mark {k} {i}")
@@ -49,8 +41,12 @@ def _moves(mark: Mark) -> bool:
 
 def fading(count: int) -> list[float]:
     """Opacities of one thing at several times, the last one solid."""
-    shares = np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1)
-    return [0.15 + 0.85 * float(share) ** 2 for share in shares]
+    return [0.15 + 0.85 * share**2 for share in shares(count)]
+
+
+def shares(count: int) -> list[float]:
+    """From 0 for the first of several to 1 for the last; 1 for a single one."""
+    return np.linspace(1.0, 0.0, count)[::-1].tolist()
 
 
 def places(mark: Mark, floor: float, time: float = 0.0) -> np.ndarray:

@@ -14,7 +14,7 @@ import torch
 from objectives import Context, Mark, Objective
 from scenectl.view.camera import Camera, choose, look_from
 from scenectl.view.evidence import draw_evidence
-from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, places
+from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, draw_moving_marks, places, shares
 from scenectl.view.room import GLASS, Room
 from scenectl.view.shapes import body_hull, soft_shadow
 from scenectl.view.stage import INK, ROUND, SIZE, open_stage, scaled, write
@@ -76,24 +76,21 @@ class Picture:
         """
         stage, poses = open_stage(size), self.moments(at)
         times = [self.time(frame) for frame in poses] or [0.0]
-        self.set_stage(stage, poses, poses, times, show_signs)
-        self.room.draw_moving(stage, times)
+        self.set_stage(stage, poses, poses, show_signs)
+        self.draw_moving(stage, times)
         if poses:
             self._draw_people(stage, poses, clearance)
         if show_slice:
             self.draw_slice(stage, self.hip_height, 0.0 if at is None else at)
         write(stage, png)
 
-    def set_stage(
-        self, stage: Plotter, poses: list[int], shown: list[int], times: Sequence[float], show_signs: bool
-    ) -> None:
+    def set_stage(self, stage: Plotter, poses: list[int], shown: list[int], show_signs: bool) -> None:
         """Camera, light, the scene at rest, goals, the title and the evidence of signs.
 
         Args:
             stage: to draw on.
             poses: frames that shall be in the picture.
             shown: those of them that nothing may cover.
-            times: seconds at which goals that move are drawn.
             show_signs: where it is uncertain whether space is free; the scene is looked through then.
         """
         camera = self._look(poses, stage.window_size[0] / stage.window_size[1])
@@ -102,11 +99,16 @@ class Picture:
         self.room.draw(stage, camera, probes, GLASS if show_signs else 1.0)
         if self.path is not None:
             draw_line(stage, self.path + np.array([0.0, LIFT, 0.0]), WAY, 0.015)
-        draw_marks(stage, self.marks, self.scene.floor.height, times)
+        draw_marks(stage, self.marks, self.scene.floor.height)
         if self.title:
             stage.add_text(self.title, position=(0.015, 0.945), viewport=True, font_size=12, color=INK)
         if show_signs:
             draw_evidence(stage, self.scene)
+
+    def draw_moving(self, stage: Plotter, times: Sequence[float]) -> None:
+        """What moves of the scene and the goals, in place of where it was: where it is at some times (s)."""
+        self.room.draw_moving(stage, times)
+        draw_moving_marks(stage, self.marks, self.scene.floor.height, times)
 
     # ---- what is shown when -----------------------------------------------------------------------------------
 
@@ -175,9 +177,8 @@ class Picture:
     def _draw_people(self, stage: Plotter, poses: list[int], clearance: bool) -> None:
         """Bodies from pale (early) to strong (late), their shadows, the pelvis's way and the times."""
         assert self.motion is not None
-        shares = np.linspace(0.0, 1.0, len(poses)) if len(poses) > 1 else np.ones(1)
-        self._draw_shadow(stage, poses, (0.22 + 0.28 * shares).tolist())
-        for frame, share in zip(poses, shares, strict=True):
+        self._draw_shadow(stage, poses)
+        for frame, share in zip(poses, shares(len(poses)), strict=True):
             self.draw_body(stage, frame, clearance, (1 - share) * _PALE + share * _STRONG)
         if len(poses) > 1:
             draw_line(stage, self.motion.joint("pelvis")[: poses[-1] + 1].double().numpy(), _TRAIL, 0.008)
@@ -207,12 +208,13 @@ class Picture:
             distance: np.ndarray = self.scene.distance(torch.as_tensor(np.array(points)).float(), time).numpy()
         return distance
 
-    def _draw_shadow(self, stage: Plotter, poses: list[int], strengths: list[float]) -> None:
+    def _draw_shadow(self, stage: Plotter, poses: list[int]) -> None:
         from pyvista import RectilinearGrid
 
         assert self.motion is not None
         samples, radii = self.body.points(self.motion)
-        x, z, dark = soft_shadow([samples[frame].double().numpy() for frame in poses], radii.numpy(), strengths)
+        bodies, strengths = [samples[f].double().numpy() for f in poses], [0.22 + 0.28 * s for s in shares(len(poses))]
+        x, z, dark = soft_shadow(bodies, radii.numpy(), strengths)
         grid = RectilinearGrid(x, [self.scene.floor.height + 0.012], z)
         shade = np.full((dark.size, 4), 30, dtype=np.uint8)
         shade[:, 3] = 255 * dark.ravel(order="F")

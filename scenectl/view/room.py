@@ -11,7 +11,7 @@ import numpy as np
 from scenectl.view.camera import Camera, Sight
 from scenectl.view.marks import OBSTACLE, fading
 from scenectl.view.shapes import components, face_colours, facets, inward
-from scenectl.view.stage import MATT
+from scenectl.view.stage import MATT, Look
 from scenes.mesh.primitives import Plane
 from scenes.world.scene import Scene
 
@@ -24,6 +24,7 @@ _ROOMY, _CUT = 2.6, 2.0
 """Height (m) over the floor from which a scene has a ceiling, and the height of the walls that are left of it then."""
 _COVERED, _PROBES = 0.06, 120
 """Share of the person's joints that an object may cover before it is glass, and how many of them are looked at."""
+_SOLID: Look = {"scalars": "colour", "rgb": True, **MATT}
 _TILES = ((232, 229, 223), (222, 218, 211))
 _MARGIN = 1.5
 """Metres of ground around a person."""
@@ -71,7 +72,7 @@ class Room:
         """What may hide a person, with what moves where it is at a time (s), and without the ceiling."""
         parts = [solid.triangles for solid in self.solids]
         parts += [thing.mesh(time).triangles for thing in self.scene.moving]
-        triangles = np.concatenate(parts) if parts else np.zeros((0, 3, 3))
+        triangles = np.concatenate([np.zeros((0, 3, 3)), *parts])
         return Sight(triangles[triangles[:, :, 1].min(axis=1) < self.ceiling], self.one_sided)
 
     def draw(self, stage: Plotter, camera: Camera, probes: np.ndarray, opacity: float) -> None:
@@ -92,7 +93,11 @@ class Room:
             way = self._in_the_way(triangles[seen], solid.pieces[seen], probes, camera)
             glass = seen & np.isin(solid.pieces, way)
             for part, share in ((seen & ~glass, opacity), (glass, min(opacity, GLASS))):
-                _add(stage, triangles[part], solid.colours[part], share, below=self.ceiling)
+                if part.any():
+                    surface = facets(triangles[part], solid.colours[part])
+                    if np.isfinite(self.ceiling):
+                        surface = surface.clip("y", origin=(0.0, self.ceiling, 0.0))
+                    stage.add_mesh(surface, opacity=share, **_SOLID)
         if not self.scene.meshes:
             self._draw_ground(stage, probes if len(probes) else np.zeros((1, 3)))
 
@@ -105,8 +110,7 @@ class Room:
         hits = [np.unique(pieces[sight.covering(camera.position, p)]) for p in looked]
         which, counts = np.unique(np.concatenate(hits), return_counts=True)
         small = np.array([(pieces == piece).mean() < 0.5 for piece in which], dtype=bool)
-        way: np.ndarray = which[(counts > _COVERED * len(hits)) & small] if len(which) else which
-        return way
+        return which[(counts > _COVERED * len(hits)) & small]
 
     def _draw_ground(self, stage: Plotter, around: np.ndarray) -> None:
         """A tiled floor of 0.5 m squares, so that distances can be read off."""
@@ -124,20 +128,5 @@ class Room:
         """What moves, where it is at each time (s): pale at first, solid at last, as the person is."""
         for k, thing in enumerate(self.scene.moving):
             for i, (time, opacity) in enumerate(zip(times, fading(len(times)), strict=True)):
-                _add(stage, thing.mesh(time).triangles, self.moving_colours[k], opacity, f"moving {k} {i}")
-
-
-def _add(
-    stage: Plotter,
-    triangles: np.ndarray,
-    colours: np.ndarray,
-    opacity: float,
-    name: str | None = None,
-    below: float = np.inf,
-) -> None:
-    if len(triangles):
-        surface = facets(triangles)
-        surface.cell_data["colour"] = colours
-        if np.isfinite(below):
-            surface = surface.clip("y", origin=(0.0, below, 0.0))
-        stage.add_mesh(surface, scalars="colour", rgb=True, opacity=opacity, name=name, **MATT)
+                surface = facets(thing.mesh(time).triangles, self.moving_colours[k])
+                stage.add_mesh(surface, opacity=opacity, name=f"moving {k} {i}", **_SOLID)

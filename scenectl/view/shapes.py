@@ -20,11 +20,14 @@ _CELL, _BLUR = 0.02, 0.12
 """Metres from one sample of a shadow to the next, and by which it fades on both sides of its edge."""
 
 
-def facets(triangles: np.ndarray) -> PolyData:
-    """Triangles ``[F, 3, 3]`` (m) as a surface, in their order."""
+def facets(triangles: np.ndarray, colours: np.ndarray | None = None) -> PolyData:
+    """Triangles ``[F, 3, 3]`` (m) as a surface, in their order, each with its ``colour`` of ``[F, 3]``."""
     from pyvista import PolyData
 
-    return PolyData.from_regular_faces(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    surface = PolyData.from_regular_faces(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    if colours is not None:
+        surface.cell_data["colour"] = colours
+    return surface
 
 
 def body_hull(body: ProxyBody, joints: np.ndarray) -> PolyData:

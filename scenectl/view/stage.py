@@ -91,8 +91,12 @@ def scaled(title: str, colours: str, limits: tuple[float, float], across: float)
         limits: values of its first and its last colour.
         across: share of the picture's width at which the legend begins.
     """
-    legend = {"title": title, "color": "black", "width": 0.25, "position_x": across, "position_y": 0.03}
-    return {"scalars": title, "cmap": colours, "clim": limits, "scalar_bar_args": legend}
+    # its height is left to pyvista, which then removes it with the surface
+    legend = {"title": title, "color": "black", "width": 0.25, "position_x": across}
+    legend |= {"title_font_size": 18, "label_font_size": 14, "unconstrained_font_size": True}
+    # values that were interpolated past the edge of a facet would be drawn as a seam
+    look = {"cmap": colours, "clim": limits, "interpolate_before_map": False}
+    return {"scalars": title, "scalar_bar_args": legend, **look}
 
 
 def write(stage: Plotter, png: str | Path) -> None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scenectl.view.marks import draw_moving_marks
 from scenectl.view.picture import Picture
-from scenectl.view.stage import INK, open_stage
+from scenectl.view.stage import INK, Look, open_stage
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -37,29 +35,18 @@ class Window:
         self.picture, self.stage = picture, stage
         self.frame, self.clearance, self.slice, self.height = 0, False, show_slice, picture.hip_height
         poses = picture.moments(None)
-        picture.set_stage(stage, poses, poses[:1], [picture.time(0)], show_signs)
+        picture.set_stage(stage, poses, poses[:1], show_signs)
         if (motion := picture.motion) is not None:
-            self._slider(self.at, (motion.t0, float(motion.times[-1])), motion.t0, "time (s)", (0.35, 0.95))
+            span, start = (motion.t0, float(motion.times[-1])), motion.t0
+            stage.add_slider_widget(self.at, rng=span, value=start, title="time (s)", **_between(0.35, 0.95))
             stage.add_key_event("c", self.toggle_clearance)
             stage.add_key_event("Right", lambda: self.step(1))
             stage.add_key_event("Left", lambda: self.step(-1))
         stage.add_key_event("s", self.toggle_slice)
-        floor = picture.scene.floor.height
-        self._slider(self.at_height, (floor, floor + 2.0), self.height, "slice (m)", (0.03, 0.25))
+        span, start = (picture.scene.floor.height, picture.scene.floor.height + 2.0), self.height
+        stage.add_slider_widget(self.at_height, rng=span, value=start, title="slice (m)", **_between(0.03, 0.25))
         stage.add_text(_HELP, position=(0.005, 0.005), viewport=True, font_size=9, color=INK)
         self.redraw()
-
-    def _slider(
-        self,
-        moved: Callable[[float], None],
-        limits: tuple[float, float],
-        value: float,
-        title: str,
-        across: tuple[float, float],
-    ) -> None:
-        """A slider near the lower edge between two shares of the width."""
-        ends = {"pointa": (across[0], 0.08), "pointb": (across[1], 0.08)}
-        self.stage.add_slider_widget(moved, rng=limits, value=value, title=title, color="black", **ends)
 
     def at(self, seconds: float) -> None:
         """The time slider was moved."""
@@ -92,8 +79,7 @@ class Window:
         """Draw what moves, the body and the slice as they are now."""
         now, picture, stage = self.picture.time(self.frame), self.picture, self.stage
         stage.suppress_rendering = True
-        picture.room.draw_moving(stage, [now])
-        draw_moving_marks(stage, picture.marks, picture.scene.floor.height, [now])
+        picture.draw_moving(stage, [now])
         if picture.motion is not None:
             picture.draw_body(stage, self.frame, self.clearance, name="body")
         if self.slice:
@@ -102,3 +88,8 @@ class Window:
             stage.remove_actor(["slice", "slice surface"])
         stage.suppress_rendering = False
         stage.render()
+
+
+def _between(left: float, right: float) -> Look:
+    """The look of a slider near the lower edge between two shares of the width."""
+    return {"pointa": (left, 0.08), "pointb": (right, 0.08), "color": "black"}
