@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from objectives import Mark
-from scenectl.view.shapes import Hull, capsules, joined, ring, tube
-from scenectl.view.stage import GLOW, Colour, Finish, Stage
+from scenectl.view.shapes import capsules
+from scenectl.view.stage import ROUND
 
-GOAL: Colour = (200, 50, 43)
-WAY: Colour = (47, 125, 107)
-OBSTACLE: Colour = (122, 94, 168)
+if TYPE_CHECKING:
+    from pyvista import Plotter
+
+GOAL, WAY, OBSTACLE = (200, 50, 43), (47, 125, 107), (122, 94, 168)
 LIFT = 0.02
 """Metres by which what lies on the floor is raised, so that it shows."""
-_COLOURS: dict[str, Colour] = {"goal": GOAL, "way": WAY, "obstacle": OBSTACLE}
+_COLOURS = {"goal": GOAL, "way": WAY, "obstacle": OBSTACLE}
 _LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
 """Radii (m) of lines and of the dot in a ring, and the least of a ring: seen from across a room."""
-_BRIGHT, _ROUND = Finish(0.4, 1.0, 0.0), Finish(0.0, 1.0, 0.0)
 
 
-def draw_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
+def draw_marks(stage: Plotter, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
     """Draw marks; what moves is drawn where it is at each of some times (s), pale at first and solid at last.
 
     Args:
@@ -35,7 +36,7 @@ def draw_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequenc
     draw_moving_marks(stage, marks, floor, times)
 
 
-def draw_moving_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
+def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
     """Draw those marks that move, at some times (s), in place of where they were drawn before."""
     for k, mark in enumerate(marks):
         for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if _moves(mark) else ():
@@ -65,27 +66,32 @@ def opacity_of(mark: Mark) -> float:
     return 0.5 if mark.role == "obstacle" and mark.shape != "line" else 0.85 if mark.shape == "ball" else 1.0
 
 
-def draw_line(stage: Stage, points: np.ndarray, colour: Colour, radius: float) -> None:
+def draw_line(stage: Plotter, points: np.ndarray, colour: tuple[int, int, int], radius: float) -> None:
     """A tube of a radius (m) along a polyline ``[P, 3]``; nothing where it has no length."""
+    from pyvista import lines_from_points
+
     kept = points[np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-4]]
     if len(kept) > 1:
-        stage.add(tube(kept, radius), colour, _BRIGHT)
+        stage.add_mesh(lines_from_points(kept).tube(radius=radius, n_sides=12), color=colour, ambient=0.4, **ROUND)
 
 
-def _draw(stage: Stage, mark: Mark, points: np.ndarray, opacity: float, name: str = "") -> None:
+def _draw(stage: Plotter, mark: Mark, points: np.ndarray, opacity: float, name: str | None = None) -> None:
+    from pyvista import Disc, merge
+
     colour, radius = _COLOURS[mark.role], max(mark.radius, _DOT)
     if not np.isfinite(points).all():
         return
     if mark.shape == "line":
         draw_line(stage, points, colour, mark.radius or _LINE)
     elif mark.shape == "ring":
-        stage.add(joined([part for point in points for part in _ring(point, mark.radius)]), colour, GLOW, name=name)
+        wide = max(mark.radius, _LEAST)
+        flat = [
+            Disc(center=point, inner=inner, outer=outer, normal=(0.0, 1.0, 0.0), c_res=48)
+            for point in points
+            for inner, outer in ((0.8 * wide, wide + _DOT), (0.0, _DOT))  # a ring and a dot in it
+        ]
+        stage.add_mesh(merge(flat), color=colour, lighting=False, name=name)
     else:
         a, b = (points, points) if mark.shape == "ball" else (points[:1], points[1:2])
-        stage.add(capsules(a, b, np.full((len(a), 2), radius)), colour, _ROUND, opacity, name)
-
-
-def _ring(centre: np.ndarray, radius: float) -> list[Hull]:
-    """A ring around a place and a dot at it."""
-    radius = max(radius, _LEAST)
-    return [ring(centre, 0.8 * radius, radius + _DOT), ring(centre, 0.0, _DOT, 24)]
+        hull = capsules(a, b, np.full((len(a), 2), radius))
+        stage.add_mesh(hull, color=colour, opacity=opacity, name=name, **ROUND)

@@ -7,12 +7,11 @@ linear combinations of the joints, so that one small matrix product makes them a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -87,8 +86,8 @@ class Segments(NamedTuple):
 
 @dataclass(frozen=True)
 class _Samples:
-    weights: np.ndarray  # [M, J]
-    radii: np.ndarray  # [M]
+    weights: Tensor  # [M, J]
+    radii: Tensor  # [M]
     owners: tuple[int, ...]
     parts: tuple[str, ...]
 
@@ -143,12 +142,11 @@ class ProxyBody:
 
     def points_of(self, joints: Float[Tensor, "*b J 3"]) -> Float[Tensor, "*b M 3"]:
         """World positions of all samples (m) for joint positions (m), linear in them."""
-        return torch.einsum("mj,...jd->...md", self._weights.to(joints), joints)
+        return torch.einsum("mj,...jd->...md", self._samples.weights.to(joints), joints)
 
     def radii(self, like: Tensor | None = None) -> Float[Tensor, " M"]:
         """Radius of every sample (m), float32 or as `like`."""
-        radii = torch.from_numpy(self._samples.radii)
-        return radii.float() if like is None else radii.to(like)
+        return self._samples.radii.float() if like is None else self._samples.radii.to(like)
 
     @property
     def owners(self) -> list[str]:
@@ -185,9 +183,13 @@ class ProxyBody:
         ]
         return rows
 
-    @cached_property
-    def _weights(self) -> Tensor:
-        return torch.from_numpy(self._samples.weights)
+    def _weights(self, blends: Sequence[dict[int, float]]) -> Tensor:
+        """Weights of the joints in points, ``[n, J]`` float64."""
+        weights = torch.zeros(len(blends), len(self.skeleton.names), dtype=torch.float64)
+        for point, blend in enumerate(blends):
+            for joint, weight in blend.items():
+                weights[point, joint] = weight
+        return weights
 
     @cached_property
     def _ends(self) -> tuple[Tensor, Tensor, list[int]]:
@@ -198,13 +200,8 @@ class ProxyBody:
             if steps > 1:  # else the spheres of its joints cover it
                 near, far = {c.a: 1 - 1 / steps, c.b: 1 / steps}, {c.a: 1 / steps, c.b: 1 - 1 / steps}
                 parts.append((near, far, c.radius, c.b))
-        weights = torch.zeros(2, len(parts), len(self.skeleton.names), dtype=torch.float64)
-        for part, (near, far, _, _) in enumerate(parts):
-            for end, blend in enumerate((near, far)):
-                for joint, weight in blend.items():
-                    weights[end, part, joint] = weight
-        radii = torch.tensor([part[2] for part in parts], dtype=torch.float64)
-        return weights, radii, [part[3] for part in parts]
+        weights = torch.stack([self._weights([part[end] for part in parts]) for end in (0, 1)])
+        return weights, _doubles([part[2] for part in parts]), [part[3] for part in parts]
 
     def _steps(self, capsule: BodyCapsule) -> int:
         """Equal steps from joint to joint; samples are between them, since the joints carry spheres of their own."""
@@ -214,21 +211,17 @@ class ProxyBody:
     @cached_property
     def _samples(self) -> _Samples:
         names = self.skeleton.names
-        rows: list[tuple[dict[int, float], float, int, str]] = []
-        for s in self.spheres:
-            rows.append((_blend(s), s.radius, s.joint, s.name))
+        rows = [(_blend(s), s.radius, s.joint, s.name) for s in self.spheres]
         for c in self.capsules:
-            steps = self._steps(c)
-            for k in range(1, steps):
-                t = k / steps
-                rows.append(({c.a: 1 - t, c.b: t}, c.radius, c.b if t >= 0.5 else c.a, f"{names[c.a]}-{names[c.b]}"))
-        weights = np.zeros((len(rows), len(names)))
-        for m, (blend, *_) in enumerate(rows):
-            for joint, weight in blend.items():
-                weights[m, joint] = weight
-        return _Samples(
-            weights, np.array([row[1] for row in rows]), tuple(row[2] for row in rows), tuple(row[3] for row in rows)
-        )
+            steps, part = self._steps(c), f"{names[c.a]}-{names[c.b]}"
+            for t in (k / steps for k in range(1, steps)):
+                rows.append(({c.a: 1 - t, c.b: t}, c.radius, c.b if t >= 0.5 else c.a, part))
+        weights, radii = self._weights([row[0] for row in rows]), _doubles([row[1] for row in rows])
+        return _Samples(weights, radii, tuple(row[2] for row in rows), tuple(row[3] for row in rows))
+
+
+def _doubles(numbers: list[float]) -> Tensor:
+    return torch.tensor(numbers, dtype=torch.float64)
 
 
 def _blend(sphere: BodySphere) -> dict[int, float]:

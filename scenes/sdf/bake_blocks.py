@@ -162,7 +162,7 @@ class _Builder:
         return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.rule.beyond)
 
     def _put_together(self, found: list[_Found], level: int, count: int) -> np.ndarray:
-        """The blocks of one level; columns let go of theirs on the way."""
+        """The blocks of one level; columns free theirs on the way."""
         nodes = (2 << level) + 1
         values, at = np.empty((count, nodes, nodes, nodes), dtype=np.int16), 0
         for column in found:

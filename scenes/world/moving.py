@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.mesh.mesh import Mesh
+from scenes.mesh.mesh import Mesh, hull
 from scenes.mesh.primitives import Plane, Primitive
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import rotations
@@ -262,8 +262,7 @@ class MovingObject:
         moments = np.unique(
             np.concatenate([np.linspace(a, b, 17 if fine else 2) for a, b in pairwise((*times, times[-1]))])
         )
-        boxes = np.stack([self.mesh(float(time)).bounds for time in moments])
-        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        return hull([self.mesh(float(time)).bounds for time in moments])
 
     @cached_property
     def digest(self) -> str:

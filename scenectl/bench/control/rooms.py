@@ -87,7 +87,7 @@ def bench_rooms(
         meshes: scans or models in metres, y up; the bundled scenes `FALLBACK` where none is given.
         tasks: walks in each room.
         seed: of starts, targets and motions.
-        samples: motions made for each task, of which the best by the objective is scored; refinement ends by default as
+        samples: motions made for each task, of which the first-ranked is scored; refinement ends by default as
             soon as one of them meets all goals.
         radius: clearance (m) of starts, targets and paths.
         solver: instead of the default.
