@@ -200,8 +200,8 @@ class ProxyBody:
             if steps > 1:  # else the spheres of its joints cover it
                 near, far = {c.a: 1 - 1 / steps, c.b: 1 / steps}, {c.a: 1 / steps, c.b: 1 - 1 / steps}
                 parts.append((near, far, c.radius, c.b))
-        weights = torch.stack([self._weights([part[end] for part in parts]) for end in (0, 1)])
-        return weights, _doubles([part[2] for part in parts]), [part[3] for part in parts]
+        starts, ends, radii, owners = zip(*parts, strict=True)
+        return torch.stack([self._weights(starts), self._weights(ends)]), _doubles(radii), list(owners)
 
     def _steps(self, capsule: BodyCapsule) -> int:
         """Equal steps from joint to joint; samples are between them, since the joints carry spheres of their own."""
@@ -220,7 +220,7 @@ class ProxyBody:
         return _Samples(weights, radii, tuple(row[2] for row in rows), tuple(row[3] for row in rows))
 
 
-def _doubles(numbers: list[float]) -> Tensor:
+def _doubles(numbers: Sequence[float]) -> Tensor:
     return torch.tensor(numbers, dtype=torch.float64)
 
 
