@@ -42,7 +42,7 @@ def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
         raise
 
 
-def write_json(value: Any, path: Path, **settings: Any) -> None:
+def write_json(value: Any, path: str | Path, **settings: Any) -> None:
     """Write JSON; the file is whole or absent."""
     with atomic_write(path, "w") as file:
         json.dump(value, file, indent=1, **settings)

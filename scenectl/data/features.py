@@ -90,9 +90,9 @@ def features_to_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T
 
     Only the features up to the joints' positions are read, the first 67; others may be missing.
     """
-    half_turns = F.pad(features[..., :-1, YAW].squeeze(-1).cumsum(-1), (1, 0))
+    half_turns = F.pad(features[..., YAW].squeeze(-1)[..., :-1].cumsum(-1), (1, 0))
     turn = rotation_about_y(-2 * half_turns)
-    x, z = features[..., :-1, ROOT_VELOCITY].unbind(-1)
+    x, z = features[..., ROOT_VELOCITY][..., :-1, :].unbind(-1)
     # The displacement in row t-1 is seen from the heading of frame t, hence the shift by one.
     moved = rotated(turn[..., 1:, :, :], torch.stack([x, torch.zeros_like(x), z], dim=-1))
     ground = F.pad(moved.cumsum(-2), (0, 0, 1, 0))

@@ -56,15 +56,15 @@ def match_joints(names: Sequence[str], stated: Mapping[str, str] | None = None) 
     keys: dict[tuple[str, str], int] = {}
     for index, key in enumerate(_reduce(names)):
         keys.setdefault(key, index)  # the one nearest to the root
-    for side in ("left", "right"):
-        for joint, parts in _LIMBS:
-            _take(found, keys, f"{side}_{joint}", [(side, part) for part in parts])
-    for joint, parts in _MIDDLE:
-        _take(found, keys, joint, [("", part) for part in parts])
+    wanted = [(f"{side}_{joint}", side, parts) for side in ("left", "right") for joint, parts in _LIMBS]
+    wanted += [(joint, "", parts) for joint, parts in _MIDDLE]
     # SMPL's spine names mean exactly our joints; elsewhere 'Spine1' is just the second of some number of them.
     if all(("", part) in keys for part in _SPINE) and ("", "spine") not in keys:
-        for joint in _SPINE:
-            _take(found, keys, joint, [("", joint)])
+        wanted += [(joint, "", (joint,)) for joint in _SPINE]
+    for joint, side, parts in wanted:
+        free = [keys[side, part] for part in parts if (side, part) in keys and keys[side, part] not in found.values()]
+        if joint not in found and free:
+            found[joint] = free[0]
     missing = [name for name in HUMANML3D.names if name not in found and name not in DERIVED]
     if missing:
         raise UserError(
@@ -82,13 +82,6 @@ def _stated(names: Sequence[str], stated: Mapping[str, str]) -> dict[str, int]:
             raise UserError(f"joint '{name}', stated as {joint}, is not in the file{did_you_mean(name, names)}")
         found[joint] = list(names).index(name)
     return found
-
-
-def _take(found: dict[str, int], keys: dict[tuple[str, str], int], joint: str, options: list[tuple[str, str]]) -> None:
-    taken = set(found.values())
-    for option in options:
-        if joint not in found and option in keys and keys[option] not in taken:
-            found[joint] = keys[option]
 
 
 def _reduce(names: Sequence[str]) -> list[tuple[str, str]]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from scenectl.training.card import table
-from scenectl.training.placement import Placement, place
+from scenectl.training.placement import place
 from scenectl.training.recipe import Recipe, Variant, load_recipe
 from scenectl.training.stages import Comparison, Run, Training
 from scenes.errors import UserError
@@ -41,39 +42,32 @@ def train_sweep(
     recipe = load_recipe(config, plan.recipe)
     if not recipe.sweep:
         raise UserError(f"training config '{config}' has no [[sweep]] entries; add some, or take --config sweep")
-    where = place(device, recipe.precision)
-    rows = sweep(plan, recipe, recipe.sweep, Path(data), Path(out), iterations, where, tell)
+    run = Run(plan, recipe, Path(data), Path(out), where=place(device, recipe.precision))
+    rows = sweep(run, recipe.sweep, iterations, tell)
     write_table(rows, Path(out) / "sweep", f"Variants of {recipe.name}, {iterations} iterations each")
     return rows
 
 
 def sweep(
-    plan: Training[R],
-    recipe: R,
+    run: Run[Any],
     variants: Sequence[Variant],
-    data: Path,
-    out: Path,
     iterations: int,
-    where: Placement,
     tell: Tell | None = None,
     measure: Measure | None = None,
 ) -> list[Row]:
     """Train and measure the compared stage of every variant; what is done is not done again.
 
     Args:
-        plan: of the family.
-        recipe: what the variants are variants of.
+        run: of what the variants are variants of; its folder gets one for each, named after it and all its settings.
         variants: trained in this order.
-        data: folder of the motions.
-        out: gets a folder for each variant, named after it and all of its settings.
         iterations: of each variant's compared stage (and of whatever else `measure` trains).
-        where: device and precision.
         tell: called with the variant's name and the share done.
         measure: more columns.
 
     Raises:
         UserError: the family compares nothing.
     """
+    plan, recipe, out = run.plan, run.recipe, run.out
     if plan.comparison is None:
         raise UserError(f"generator '{recipe.family}' has no sweep; train its variants one by one")
     rows = []
@@ -81,8 +75,8 @@ def sweep(
         if tell is not None:
             tell(variant.name, i / len(variants))
         changed = shortened(plan, recipe.varied(variant.set), iterations)
-        run = Run(plan, changed, data, out / f"{variant.name}-{_digest(changed)}", where=where, cache=out / "data")
-        rows.append(_row(run, plan.comparison, variant, measure))
+        one = replace(run, recipe=changed, out=out / f"{variant.name}-{_digest(changed)}", cache=out / "data")
+        rows.append(_row(one, plan.comparison, variant, measure))
     return rows
 
 

@@ -125,8 +125,8 @@ class Bench:
         measure: Measure | None = None,
     ) -> list[Row]:
         """Rows of small models."""
-        models = self.out / "models"
-        return sweep(TRAINING, self.recipe, variants, self.data, models, self.iterations, self.where, progress, measure)
+        run = Run(TRAINING, self.recipe, self.data, self.out / "models", where=self.where)
+        return sweep(run, variants, self.iterations, progress, measure)
 
     def rows(
         self, name: str, cases: Sequence[tuple[str, C]], measure: Callable[[C], Row], progress: Progress
