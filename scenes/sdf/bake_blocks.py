@@ -14,8 +14,7 @@ from functools import partial
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.kernels import blocks as kernels
-from scenes.kernels import parts, rays, regions, spans
+from scenes.kernels import blocks as kernels, parts, rays, regions, spans
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
