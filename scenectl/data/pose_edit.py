@@ -22,12 +22,8 @@ from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 
 _SIDES = ("left", "right")
-_LEGS = [
-    HUMANML3D.indices([f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot")]) for side in ("left", "right")
-]
-_ARMS = {
-    side: HUMANML3D.indices([f"{side}_{part}" for part in ("shoulder", "elbow", "wrist")]) for side in ("left", "right")
-}
+_LEGS = [HUMANML3D.indices([f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot")]) for side in _SIDES]
+_ARMS = {side: HUMANML3D.indices([f"{side}_{part}" for part in ("shoulder", "elbow", "wrist")]) for side in _SIDES}
 _SPINE, _NECK = HUMANML3D.indices(("pelvis", "spine1", "spine2")), HUMANML3D.index("neck")
 _STRAIGHT = 0.998
 """Largest share of a limb's length that an edit stretches it to."""
@@ -59,7 +55,7 @@ def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
     travel, sideways = float(pelvis[-1, 2] - pelvis[0, 2]), float(pelvis[:, 0].abs().max())
     if travel < 1.0 or sideways > 0.35 * travel:
         return None
-    angle, side = draw.uniform(0.5, math.pi / 2), draw.choice(["left", "right"])
+    angle, side = draw.uniform(0.5, math.pi / 2), draw.choice(_SIDES)
     # The more sideways, the shorter: long steps would cross the legs.
     stride = 1.0 - 0.65 * math.sin(angle) ** 2
     across = stride * math.sin(angle) * (1.0 if side == "left" else -1.0)
@@ -73,7 +69,7 @@ def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
 
 def reaching(clip: Clip, draw: random.Random) -> Clip | None:
     """The clip with one hand stretched out to something for a moment."""
-    side = draw.choice(["left", "right"])
+    side = draw.choice(_SIDES)
     height, where = draw.choice([(-0.35, "down"), (0.0, "forward"), (0.45, "up")])
     envelope = _bump(clip.joints, draw, hold=(0.3, 1.0))
     if envelope is None:
