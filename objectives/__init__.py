@@ -1,50 +1,36 @@
 """What is wanted: goal functions, and how they compose into an objective. Imports `scenes` only."""
 
-from objectives import library
-from objectives.context import BodyLike, Context, Grounded, SceneLike
-from objectives.diagnosis import diagnosis
-from objectives.kernels import Kernel, Reduction
-from objectives.marks import Mark
-from objectives.objective import Objective
-from objectives.parameters import File, FloorPoint, Point, Region, Time, Window
-from objectives.registry import GoalSpec, Masked, Parameter, forget, get_goal, goal, goals
-from objectives.report import TermReport
-from objectives.term import Assessed, Evaluated, Term
-from objectives.tracks import Arc, ArrayTrack, Line, Sinusoid, Track, TrackBase, Waypoints
-
-__all__ = [
-    "Arc",
-    "ArrayTrack",
-    "Assessed",
-    "BodyLike",
-    "Context",
-    "Evaluated",
-    "File",
-    "FloorPoint",
-    "GoalSpec",
-    "Grounded",
-    "Kernel",
-    "Line",
-    "Mark",
-    "Masked",
-    "Objective",
-    "Parameter",
-    "Point",
-    "Reduction",
-    "Region",
-    "SceneLike",
-    "Sinusoid",
-    "Term",
-    "TermReport",
-    "Time",
-    "Track",
-    "TrackBase",
-    "Waypoints",
-    "Window",
-    "diagnosis",
-    "forget",
-    "get_goal",
-    "goal",
-    "goals",
-    "library",
-]
+from objectives import library as library
+from objectives.context import BodyLike as BodyLike, Context as Context, Grounded as Grounded, SceneLike as SceneLike
+from objectives.diagnosis import diagnosis as diagnosis
+from objectives.kernels import Kernel as Kernel, Reduction as Reduction
+from objectives.marks import Mark as Mark
+from objectives.objective import Objective as Objective
+from objectives.parameters import (
+    File as File,
+    FloorPoint as FloorPoint,
+    Point as Point,
+    Region as Region,
+    Time as Time,
+    Window as Window,
+)
+from objectives.registry import (
+    GoalSpec as GoalSpec,
+    Masked as Masked,
+    Parameter as Parameter,
+    forget as forget,
+    get_goal as get_goal,
+    goal as goal,
+    goals as goals,
+)
+from objectives.report import TermReport as TermReport
+from objectives.term import Assessed as Assessed, Evaluated as Evaluated, Term as Term
+from objectives.tracks import (
+    Arc as Arc,
+    ArrayTrack as ArrayTrack,
+    Line as Line,
+    Sinusoid as Sinusoid,
+    Track as Track,
+    TrackBase as TrackBase,
+    WaypointTrack as WaypointTrack,
+)

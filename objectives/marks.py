@@ -20,6 +20,8 @@ Role = Literal["goal", "way", "obstacle"]
 
 _SAMPLES = 120
 """Points by which a track is drawn; the bend of a circle between two is under a thousandth of its radius."""
+_AROUND = 0.2
+"""Least radius (m) of the ring around a joint of which a height is asked: wider than the head or limb in it."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,10 @@ class Mark:
     Attributes:
         shape: "ball" or horizontal "ring" around each point, "line" through them, "capsule" from the first to the
             second.
-        points: world m, ``[P, 3]``; one set for each time, ``[T, P, 3]``, of what moves. Nan heights are the floor's.
+        points: world m, ``[P, 3]``; one set for each time, ``[T, P, 3]``, that may move. Nan heights are the floor's.
         radius: m, of balls, rings and capsules; the viewer draws what would be too small to see a little larger.
         role: "goal" is wanted, "obstacle" is kept clear of, "way" is followed.
-        times: seconds of the T sets of points, or None for what stands still.
+        times: seconds of the T sets of points, or None for one set.
     """
 
     shape: Shape
@@ -69,21 +71,19 @@ def marks_of_targets(
     for entry in range(targets.shape[1]):
         for frames in _runs(stated[:, entry]):
             places = targets[frames, entry].clone()
-            steps = len(places.unique_consecutive(dim=0)) if not places.isnan().any() else _changes(places)
+            steps = len(places.nan_to_num(nan=math.inf).unique_consecutive(dim=0))
             if points is not None:
-                free = places[:, ::2].isnan()
-                places[:, ::2] = torch.where(free, points[frames, entry][:, ::2].to(places), places[:, ::2])
+                places[:, ::2] = torch.where(
+                    places[:, ::2].isnan(), points[frames, entry][:, ::2].to(places), places[:, ::2]
+                )
             if steps > 2:
                 found.append(Mark("line", places))
                 continue
-            shape: Shape = "ring" if bool(targets[frames[0], entry].isnan().any()) else "ball"
-            found += [Mark(shape, place[None], radius) for place in (places[:1] if steps == 1 else places)]
+            free = targets[frames[0], entry].isnan()
+            shape: Shape = "ring" if bool(free.any()) else "ball"
+            size = max(radius, _AROUND) if bool(free[::2].any()) else radius
+            found += [Mark(shape, place[None], size) for place in (places[:1] if steps == 1 else places)]
     return found
-
-
-def _changes(places: Float[Tensor, "F 3"]) -> int:
-    """How many different places follow each other."""
-    return len(places.nan_to_num(nan=math.inf).unique_consecutive(dim=0))
 
 
 def _runs(mask: Bool[Tensor, " T"]) -> Iterator[list[int]]:

@@ -216,9 +216,10 @@ class Term:
             found = self.evaluate(motion, context.unbaked)
         if found.marks is not None:
             return list(found.marks())
+        near = self.allowed if self.spec.unit == "m" else 0.0
         if found.targets is None:
-            return marks_of_parameters(self.parameters, self.allowed)
-        return marks_of_targets(found.targets, found.points, found.mask, self.allowed)
+            return marks_of_parameters(self.parameters, near)
+        return marks_of_targets(found.targets, found.points, found.mask, near)
 
     def residual(self, motion: Motion, context: Context) -> Float[Tensor, "*b T k"]:
         """The goal's residual in natural units, unweighted; zero where the term does not apply."""
@@ -383,12 +384,9 @@ class Term:
         labels, points, targets = tuple(result.labels), result.points, result.targets
         if entries == 1 and points is None and not labels and len(self.joints) == 1:
             labels, points = self.joints, motion.joint(self.joints[0])[..., None, :]
-        counts = {
-            "labels": len(labels) or entries,
-            "joints": len(result.joints) or entries,
-            "points": entries if points is None else points.shape[-2],
-            "targets": entries if targets is None else targets.shape[-2],
-        }
+        stated = {"labels": labels, "joints": result.joints}
+        counts = {what: len(names) for what, names in stated.items() if names}
+        counts |= {what: p.shape[-2] for what, p in (("points", points), ("targets", targets)) if p is not None}
         for what, count in counts.items():
             if count != entries:
                 raise UserError(f"{self.label}: its {what} must be as many as its {entries} entries")

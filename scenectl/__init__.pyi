@@ -1,33 +1,29 @@
-from objectives import Context as Context
-from objectives import Objective as Objective
-from objectives import Term as Term
-from objectives import goal as goal
-from objectives import goals as goals
-from scenectl.api import run as run
-from scenectl.api import score as score
+from objectives import Context as Context, Objective as Objective, Term as Term, goal as goal, goals as goals
+from scenectl.api import run as run, score as score
 from scenectl.control import ObjectiveGuide as ObjectiveGuide
 from scenectl.generators import load_generator as load_generator
 from scenectl.pipeline.editing import edit as edit
 from scenectl.pipeline.results import Result as Result
-from scenectl.tasks.task import Task as Task
-from scenectl.tasks.task import load_task as load_task
+from scenectl.tasks.task import Task as Task, load_task as load_task
 from scenectl.version import __version__ as __version__
-from scenes import Box as Box
-from scenes import Capsule as Capsule
-from scenes import Cylinder as Cylinder
-from scenes import Mesh as Mesh
-from scenes import Motion as Motion
-from scenes import MovingObject as MovingObject
-from scenes import Plane as Plane
-from scenes import Pose2D as Pose2D
-from scenes import ProxyBody as ProxyBody
-from scenes import Scene as Scene
-from scenes import Sphere as Sphere
-from scenes import Trajectory as Trajectory
-from scenes import UserError as UserError
-from scenes import Waypoints as Waypoints
-from scenes import bundled as bundled
-from scenes import csg as csg
-from scenes import free_area as free_area
-from scenes import load_mesh as load_mesh
-from scenes import load_scene as load_scene
+from scenes import (
+    Box as Box,
+    Capsule as Capsule,
+    Cylinder as Cylinder,
+    Mesh as Mesh,
+    Motion as Motion,
+    MovingObject as MovingObject,
+    Plane as Plane,
+    Pose2D as Pose2D,
+    ProxyBody as ProxyBody,
+    Scene as Scene,
+    Sphere as Sphere,
+    Trajectory as Trajectory,
+    UserError as UserError,
+    Waypoints as Waypoints,
+    bundled as bundled,
+    csg as csg,
+    free_area as free_area,
+    load_mesh as load_mesh,
+    load_scene as load_scene,
+)

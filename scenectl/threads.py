@@ -21,8 +21,8 @@ def threads(number: int | None = None) -> Iterator[int]:
     """Within the block, torch computes with so many threads; after it, with as many as before.
 
     Args:
-        number: threads; None takes what a block around this one asked for, and one where none did: the tensors of a
-            generation are small, and one thread's results do not depend on how many cores a machine has.
+        number: threads; None takes what a block around this one or `use` asked for, and one where neither did: the
+            tensors of a generation are small, and one thread's results do not depend on how many cores there are.
 
     Yields:
         The number in force.
@@ -37,6 +37,14 @@ def threads(number: int | None = None) -> Iterator[int]:
     finally:
         torch.set_num_threads(before)
         _asked.reset(token)
+
+
+def use(number: int) -> None:
+    """From now on torch computes with so many threads, in blocks of `threads` that ask for none of their own, too."""
+    import torch
+
+    torch.set_num_threads(number)
+    _asked.set(number)
 
 
 def sleep_while_waiting() -> None:

@@ -25,6 +25,7 @@ ROOMS = {
         "errors",
         "numbers",
         "validation",
+        "numbers",
         "files",
         "kernels",
         "motion",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Literal
 
 import torch
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from objectives.context import Context
 from objectives.library._joints import Joints, placed
-from objectives.marks import Mark, rectangle
+from objectives.marks import rectangle
 from objectives.maths import first_middle_last, frame_mask, frames_near
 from objectives.parameters import NotNegative, Region
 from objectives.registry import Masked, goal
@@ -103,10 +104,7 @@ def height_limit(
         x, z = points[..., 0], points[..., 2]
         inside = (x >= region.x[0]) & (x <= region.x[1]) & (z >= region.z[0]) & (z <= region.z[1])
         past = torch.where(inside, past, 0.0)
-
-    def marks() -> list[Mark]:
-        return [] if region is None else rectangle(region.x, region.z, limit, "obstacle")
-
+    marks = None if region is None else partial(rectangle, region.x, region.z, limit, "obstacle")
     return Masked(past, labels=names, points=points, marks=marks)
 
 

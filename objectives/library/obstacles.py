@@ -8,7 +8,7 @@ from torch import Tensor
 
 from objectives.context import Context
 from objectives.library._joints import Joints, placed
-from objectives.marks import Mark, Shape
+from objectives.marks import Mark
 from objectives.maths import length
 from objectives.parameters import NotNegative, Point, Positive
 from objectives.registry import Masked, goal
@@ -40,11 +40,10 @@ def sphere_repulsion(
     names, points = placed(joints, motion)
     middle = held_position(center, motion.times)
     distance = length(points - middle) - radius
-
-    def marks() -> list[Mark]:
-        return [_obstacle("ball", middle, radius, motion, center)]
-
-    return Masked((margin - distance).clamp_min(0), labels=names, points=points, marks=marks)
+    return Masked(
+        (margin - distance).clamp_min(0), labels=names, points=points,
+        marks=lambda: [Mark("ball", middle, radius, "obstacle", motion.times)],
+    )  # fmt: skip
 
 
 @goal(unit="m", kernel="squared", reduction="mean", tolerance=0.0)
@@ -70,20 +69,10 @@ def capsule_repulsion(
     names, points = placed(joints, motion)
     ends = held_position(a, motion.times), held_position(b, motion.times)
     distance = segment_distance(points, *ends) - radius
-
-    def marks() -> list[Mark]:
-        return [_obstacle("capsule", torch.cat(ends, dim=1), radius, motion, a, b)]
-
-    return Masked((margin - distance).clamp_min(0), labels=names, points=points, marks=marks)
-
-
-def _obstacle(
-    shape: Shape, points: Float[Tensor, "T P 3"], radius: float, motion: Motion, *places: Point | Track
-) -> Mark:
-    """The mark of what is at `points` over the frames of a motion; one set of them where its places stand still."""
-    if all(isinstance(place, Point) for place in places):
-        return Mark(shape, points[0], radius, "obstacle")
-    return Mark(shape, points, radius, "obstacle", motion.times)
+    return Masked(
+        (margin - distance).clamp_min(0), labels=names, points=points,
+        marks=lambda: [Mark("capsule", torch.cat(ends, dim=1), radius, "obstacle", motion.times)],
+    )  # fmt: skip
 
 
 def segment_distance(

@@ -57,16 +57,16 @@ def follow_path(
         UserError: a path of fewer than two different points, or a schedule with one end or that runs backwards.
     """
     place = motion.joint(joint)
-    vertices = place.new_tensor(_vertices(path))
+    corners = _vertices(path)
+    vertices = place.new_tensor(corners)
     corridor = (path_distance(place[..., ::2], vertices) - half_width).clamp_min(0)[..., None]
 
     def marks() -> list[Mark]:
-        heights = torch.full_like(vertices[:, 0], math.nan)
-        return [Mark("line", torch.stack([vertices[:, 0], heights, vertices[:, 1]], dim=-1), role="way")]
+        return [Mark("line", torch.tensor([(x, math.nan, z) for x, z in corners]), role="way")]
 
+    labels = [f"{joint} (corridor)", f"{joint} (schedule)"]
     if begin is None and end is None:
-        labels = [f"{joint} (corridor)"]
-        return Masked(corridor, labels=labels, joints=[joint], points=place[..., None, :], marks=marks)
+        return Masked(corridor, labels=labels[:1], joints=[joint], points=place[..., None, :], marks=marks)
     if begin is None or end is None or end <= begin:
         raise UserError("a schedule needs 'begin' and a later 'end'")
     share = ((motion.times - begin) / (end - begin)).clamp(0, 1)
@@ -77,14 +77,9 @@ def follow_path(
     targets = place.new_full((motion.frames, 2, 3), math.nan)
     targets[:, 1, ::2] = scheduled
     return Masked(
-        torch.cat([corridor, behind], dim=-1),
-        sizes=(1, 2),
-        labels=[f"{joint} (corridor)", f"{joint} (schedule)"],
-        joints=[joint, joint],
-        points=points,
-        targets=targets.expand(points.shape),
-        marks=marks,
-    )
+        torch.cat([corridor, behind], dim=-1), sizes=(1, 2), labels=labels, joints=[joint, joint], points=points,
+        targets=targets.expand(points.shape), marks=marks,
+    )  # fmt: skip
 
 
 def _vertices(path: list[FloorPoint] | list[Point]) -> list[tuple[float, float]]:

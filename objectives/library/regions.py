@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import torch
 
 from objectives.context import Context
 from objectives.library._joints import Joints, placed
-from objectives.marks import Mark, rectangle
+from objectives.marks import rectangle
 from objectives.parameters import FloorPoint, Positive
 from objectives.registry import Masked, goal
 from scenes.motion.motion import Motion
@@ -40,8 +42,5 @@ def square_region(
     sides = [f"{name} ({side})" for name in names for side in ("+x", "-x", "+z", "-z")]
     each = points.detach()[..., None, :].expand(*points.shape[:-1], 4, 3).flatten(-3, -2)
     owners = [name for name in names for _ in range(4)]
-
-    def marks() -> list[Mark]:
-        return rectangle((center.x - half, center.x + half), (center.z - half, center.z + half))
-
+    marks = partial(rectangle, (center.x - half, center.x + half), (center.z - half, center.z + half))
     return Masked(out.flatten(-2), labels=sides, joints=owners, points=each, marks=marks)

@@ -17,8 +17,7 @@ def goals(
 ) -> None:
     """List the goals that a task can use."""
     with importing():
-        from objectives import get_goal
-        from objectives import goals as registered
+        from objectives import get_goal, goals as registered
 
     allow(allow_code)
     if name is None:

@@ -26,6 +26,7 @@ def run(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results.")],
     samples: Annotated[int | None, typer.Option(min=1, help="Motions to make; the best comes first.")] = None,
     seed: Annotated[int | None, typer.Option(help="Instead of the task's own.")] = None,
+    generator: Annotated[str | None, typer.Option(help="A registered generator instead of the task's.")] = None,
     weights: Annotated[str | None, typer.Option(help="Weights to use instead of the task's.")] = None,
     preview: Annotated[bool, typer.Option(help="Draw preview.png.")] = True,
     allow_code: AllowCode = None,
@@ -39,10 +40,8 @@ def run(
     laps = {"imports": since_start()}
     allow(allow_code)
     loaded = load_task(task)
-    if weights is not None:
-        named = str(Path(weights).resolve()) if Path(weights).is_dir() else weights
-        chosen = loaded.generator.model_copy(update={"weights": named})
-        loaded = loaded.model_copy(update={"generator": chosen})
+    named = str(Path(weights).resolve()) if weights is not None and Path(weights).is_dir() else weights
+    loaded = loaded.with_generator(generator, named)
     writable_folder(output)
     with bars() as progress:
         result = make(loaded, samples, seed, progress=progress)

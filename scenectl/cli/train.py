@@ -49,12 +49,11 @@ def train(
 
 
 def _sweep(data: Path, config: str, output: Path, iterations: int | None, threads: int | None, device: str) -> None:
-    import torch
-
     from scenectl.generators.training import plan_of
+    from scenectl.threads import use
     from scenectl.training.sweep import train_sweep
 
     if threads is not None:
-        torch.set_num_threads(threads)
+        use(threads)
     rows = train_sweep(data, config, output, iterations or 1000, device, say, plan=plan_of(config))
     show({"rows": rows, "summary": {"table": str(output / "sweep.md")}})

@@ -1,8 +1,8 @@
 """Where a motion begins, as an unknown: a rigid move of each sample over the floor, solved for along with its value.
 
 Features state every motion from the origin, and so a target near the start, or a wall around it, may be out of reach of
-all motions from one place and easy from another. Generators know nothing of this: the guide sees their steps moved, and
-moves what they make.
+all motions from one place and easy from another. Generators know nothing of this: a guide moves their steps before it
+looks at them, and refinement solves for the moves.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Price, Step
+from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
 
 UNKNOWNS = 3
@@ -49,7 +50,7 @@ class FreeStart:
         Costs have several valleys in yaw: short searches from several headings for what pulls, all in one batch, of
         which each sample's best by all goals is where a search for all goals begins.
         """
-        samples, headings = len(motion.joints), int(thresholds.headings)
+        samples, headings = len(motion.joints), thresholds.headings
         motion = replace(motion, joints=motion.joints.detach())
         joints, valid = motion.joints.repeat(headings, 1, 1, 1), motion.valid.repeat(headings, 1)
         many = replace(motion, joints=joints, valid=valid)
@@ -57,15 +58,15 @@ class FreeStart:
         yaws = torch.arange(headings, device=joints.device).repeat_interleave(samples)
         begin[:, -1] = yaws.to(begin) * (2 * torch.pi / headings)
 
-        def least(goals: Objective, still: Motion, begin: Float[Tensor, "R 3"], steps: float) -> Float[Tensor, "R 3"]:
+        def least(goals: Objective, still: Motion, begin: Float[Tensor, "R 3"], steps: int) -> Float[Tensor, "R 3"]:
             problem = Problem(lambda moves: goals.cost(self.moved(still, moves), context), begin)
-            return minimise(problem, _FIT.model_copy(update={"iterations": int(steps)}), thresholds).value
+            return minimise(problem, _FIT.model_copy(update={"iterations": steps}), thresholds).value
 
         pulling = Objective(tuple(t for t in objective.counted if t.spec.pulls))
-        turned = least(pulling if pulling.terms else objective, many, begin, thresholds.heading_steps)
+        begun = least(pulling if pulling.terms else objective, many, begin, thresholds.heading_steps)
         with torch.no_grad():
-            best = objective.cost(self.moved(many, turned), context).unflatten(0, (headings, samples)).argmin(0)
-        chosen = turned.unflatten(0, (headings, samples))[best, torch.arange(samples, device=best.device)]
+            best = objective.cost(self.moved(many, begun), context).unflatten(0, (headings, samples)).argmin(0)
+        chosen = begun.unflatten(0, (headings, samples))[best, torch.arange(samples, device=best.device)]
         return least(objective, motion, chosen, thresholds.start_steps)
 
 
@@ -113,16 +114,16 @@ class MovedStep:
         return self.inner.unit
 
     def jvp(self, tangent: Float[Tensor, "S m"]) -> Float[Tensor, "S T J 3"]:
-        turned = _turned(self.inner.jvp(self._inner(tangent)), self.moves[:, 2])
+        round_pivot = turned(self.inner.jvp(self._inner(tangent)), self.moves[:, 2, None, None])
         along = tangent[:, -UNKNOWNS:]
         shift = torch.stack([along[:, 0], torch.zeros_like(along[:, 0]), along[:, 1]], dim=-1)
-        return turned + shift[:, None, None] + tangent[:, -1, None, None, None] * self._swing()
+        return round_pivot + shift[:, None, None] + tangent[:, -1, None, None, None] * self._swing()
 
     def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S m"]:
         return self.vjps(cotangent[None])[0]
 
     def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S m"]:
-        inner = self.inner.vjps(_turned(cotangents, -self.moves[:, 2])).flatten(2)
+        inner = self.inner.vjps(turned(cotangents, -self.moves[:, 2, None, None])).flatten(2)
         shift = cotangents.sum((2, 3))[..., [0, 2]]
         swing = (cotangents * self._swing()).sum((2, 3, 4))
         return torch.cat([inner, shift, swing[..., None]], dim=-1)
@@ -133,8 +134,8 @@ class MovedStep:
     def _swing(self) -> Float[Tensor, "S T J 3"]:
         """How joints move as the yaw grows: at right angles to their way from the pivot."""
         joints = self.inner.motion.joints
-        turned = _turned(joints - joints.new_tensor(self.start.pivot), self.moves[:, 2])
-        return torch.stack([turned[..., 2], torch.zeros_like(turned[..., 1]), -turned[..., 0]], dim=-1)
+        round_pivot = turned(joints - joints.new_tensor(self.start.pivot), self.moves[:, 2, None, None])
+        return torch.stack([round_pivot[..., 2], torch.zeros_like(round_pivot[..., 1]), -round_pivot[..., 0]], dim=-1)
 
 
 def _moved(
@@ -142,11 +143,4 @@ def _moved(
 ) -> Float[Tensor, "S T J 3"]:
     centre = joints.new_tensor(pivot)
     shift = torch.stack([moves[:, 0], torch.zeros_like(moves[:, 0]), moves[:, 1]], dim=-1)
-    return _turned(joints - centre, moves[:, 2]) + centre + shift[:, None, None]
-
-
-def _turned(vectors: Float[Tensor, "*r S T J 3"], yaw: Float[Tensor, " S"]) -> Float[Tensor, "*r S T J 3"]:
-    """Vectors turned about +y, each sample by its own angle; pi/2 turns +z to +x."""
-    c, s = yaw.cos()[:, None, None], yaw.sin()[:, None, None]
-    x, y, z = vectors.unbind(-1)
-    return torch.stack([c * x + s * z, y, c * z - s * x], dim=-1)
+    return turned(joints - centre, moves[:, 2, None, None]) + centre + shift[:, None, None]

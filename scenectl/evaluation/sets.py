@@ -28,7 +28,7 @@ class Tokenised(Protocol):
         """Raw features after a round trip through tokens: the best that these tokens can do; T a multiple of four."""
         ...
 
-    def babble(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
+    def from_random_tokens(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
         """Raw features of tokens drawn uniformly: what a generator makes that has learnt nothing."""
         ...
 
@@ -114,7 +114,7 @@ def of_random_tokens(clips: HeldOut, generator: Tokenised, seed: int) -> MotionS
     """Motions of tokens drawn uniformly, as long as the clips."""
     draw = torch.Generator().manual_seed(seed)
     return MotionSet.of(
-        "random tokens", [features_to_joints(generator.babble(len(f), draw))[0] for f in clips.features]
+        "random tokens", [features_to_joints(generator.from_random_tokens(len(f), draw))[0] for f in clips.features]
     )
 
 

@@ -9,20 +9,24 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.interpolate import interp1d
+from scipy.spatial.transform import Rotation
 
 from scenectl.data.joint_names import match_joints
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
+from scenes.motion.bones import bone_lengths
 from scenes.motion.motion import Motion
 from scenes.motion.rotations import rotation_between
-from scenes.motion.skeleton import HUMANML3D, Skeleton
+from scenes.motion.skeleton import HUMANML3D
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "cmu": 0.0254 / 0.45}
 """Metres in a unit. "cmu" is the unit of CMU's Acclaim files and of the conversions that kept it (1/0.45 inch)."""
@@ -34,6 +38,7 @@ _TO_Y_UP = {
 }
 _LEG = (0.55, 1.2)  # metres from hip to ankle that a person may have, children included
 _TYPICAL_LEG = 0.82
+_SPINE = ("spine1", "spine2", "spine3")
 _RATE_SLACK = 0.005  # 59.94 is taken as 60 frames a second: at 20 fps that is 1 ms in a second
 
 
@@ -63,25 +68,18 @@ class BvhFile:
         A position channel replaces that component of the offset, as common tools have it.
         """
         frames = len(self.values)
-        place = np.zeros((frames, len(self.names), 3))
-        turn = np.zeros((frames, len(self.names), 3, 3))
-        column = 0
-        for joint, parent in enumerate(self.parents):
-            local = np.broadcast_to(self.offsets[joint], (frames, 3)).copy()
-            rotation = np.broadcast_to(np.eye(3), (frames, 3, 3))
-            for channel in self.channels[joint]:
+        places, turns, columns = [np.zeros((frames, 3))], [np.tile(np.eye(3), (frames, 1, 1))], iter(self.values.T)
+        for parent, offset, channels in zip(self.parents, self.offsets, self.channels, strict=True):
+            place, turn = np.tile(offset, (frames, 1)), turns[parent + 1]
+            for channel, column in zip(channels, columns, strict=False):
                 axis = "xyz".index(channel[0])
                 if channel.endswith("position"):
-                    local[:, axis] = self.values[:, column]
+                    place[:, axis] = column
                 else:
-                    rotation = rotation @ _about(axis, np.radians(self.values[:, column]))
-                column += 1
-            if parent < 0:
-                place[:, joint], turn[:, joint] = local, rotation
-            else:
-                place[:, joint] = place[:, parent] + (turn[:, parent] @ local[..., None])[..., 0]
-                turn[:, joint] = turn[:, parent] @ rotation
-        return place
+                    turn = turn @ _about(axis, np.radians(column))
+            places.append(places[parent + 1] + (turns[parent + 1] @ place[..., None])[..., 0])
+            turns.append(turn)
+        return np.stack(places[1:], axis=1)
 
 
 @dataclass(frozen=True)
@@ -183,15 +181,14 @@ def _axis_doubt(placed: Float[np.ndarray, "F 22 3"]) -> str:
 
 
 def _resample(joints: Float[np.ndarray, "F 22 3"], rate: float, fps: float) -> tuple[Float[np.ndarray, "G 22 3"], str]:
-    stride = round(rate / fps)
-    if stride >= 1 and abs(rate / fps / stride - 1) < _RATE_SLACK:
-        return joints[::stride], f"{rate:.4g} fps, every {stride}. frame kept" if stride > 1 else f"{rate:.4g} fps"
+    stride = max(round(rate / fps), 1)
+    if len(joints) < 2 or abs(rate / fps / stride - 1) < _RATE_SLACK:
+        kept = f", every {stride}. frame kept" if stride > 1 else ""
+        return joints[::stride], f"{rate:.4g} fps{kept}"
     last = (len(joints) - 1) / rate
-    at = np.arange(math.floor(last * fps + 1e-6) + 1) / fps * rate
-    before = np.minimum(at.astype(int), max(len(joints) - 2, 0))
-    after = np.minimum(before + 1, len(joints) - 1)
-    part = (at - before)[:, None, None]
-    return joints[before] * (1 - part) + joints[after] * part, f"{rate:.4g} fps, interpolated to {fps:g} fps"
+    at = np.arange(math.floor(last * fps + 1e-6) + 1) / fps
+    between = interp1d(np.arange(len(joints)) / rate, joints, axis=0, fill_value="extrapolate")
+    return between(at), f"{rate:.4g} fps, interpolated to {fps:g} fps"
 
 
 def _map(
@@ -205,18 +202,20 @@ def _map(
             if end not in file.names:
                 raise UserError(f"{where}: no joint found for {side}_foot; state it in `joints`")
             placed[f"{side}_foot"] = positions[:, file.names.index(end)]
-    apart = np.linalg.norm(placed["left_shoulder"][0] - placed["right_shoulder"][0])
-    collars = [placed.get(f"{side}_collar") for side in ("left", "right")]
+
+    def apart(part: str) -> float:
+        return float(np.linalg.norm(placed[f"left_{part}"][0] - placed[f"right_{part}"][0]))
+
     # Some skeletons (CMU's) have both collars in one point at the neck, which gives them no direction.
-    if any(c is None for c in collars) or np.linalg.norm(collars[0][0] - collars[1][0]) < 0.1 * apart:  # type: ignore[index]
+    if not {"left_collar", "right_collar"} <= placed.keys() or apart("collar") < 0.1 * apart("shoulder"):
         for side in ("left", "right"):
             placed[f"{side}_collar"] = (placed["neck"] + placed[f"{side}_shoulder"]) / 2
-    if any(joint not in placed for joint in ("spine1", "spine2", "spine3")):
-        placed |= _spine(file, positions, found)
+    if not {*_SPINE} <= placed.keys():
+        placed |= dict(zip(_SPINE, _spine(file, positions, found), strict=True))
     return np.stack([placed[name] for name in HUMANML3D.names], axis=1)
 
 
-def _spine(file: BvhFile, positions: Float[np.ndarray, "F J 3"], found: dict[str, int]) -> dict[str, np.ndarray]:
+def _spine(file: BvhFile, positions: Float[np.ndarray, "F J 3"], found: dict[str, int]) -> Float[np.ndarray, "3 F 3"]:
     """spine1 to spine3 on the polyline from pelvis to neck, at the shares of its length they have in our skeleton.
 
     However many joints a file's spine has, each point stays at a fixed place on one of its rigid bones.
@@ -230,24 +229,16 @@ def _spine(file: BvhFile, positions: Float[np.ndarray, "F J 3"], found: dict[str
         joint = file.parents[joint]
     line = positions[:, [found["pelvis"], *path]]
     ends = np.concatenate([[0.0], np.linalg.norm(np.diff(line[0], axis=0), axis=-1).cumsum()])
-    shares = np.cumsum([HUMANML3D.bone_lengths[HUMANML3D.index(j)] for j in ("spine1", "spine2", "spine3", "neck")])
-    placed = {}
-    for joint_name, share in zip(("spine1", "spine2", "spine3"), shares[:3] / shares[3], strict=True):
-        at = share * ends[-1]
-        bone = int(np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(path) - 1))
-        part = (at - ends[bone]) / max(ends[bone + 1] - ends[bone], 1e-9)
-        placed[joint_name] = line[:, bone] * (1 - part) + line[:, bone + 1] * part
-    return placed
+    shares = HUMANML3D.bone_lengths[HUMANML3D.indices((*_SPINE, "neck"))].cumsum()
+    at = shares[:3] / shares[3] * ends[-1]
+    weights = np.stack([np.interp(at, ends, end) for end in np.eye(len(ends))])
+    return np.einsum("fnc,ns->sfc", line, weights)
 
 
 def _about(axis: int, angle: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F 3 3"]:
     """Rotations about a coordinate axis, radians."""
-    c, s = np.cos(angle), np.sin(angle)
-    rotation = np.zeros((len(angle), 3, 3))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    rotation[:, axis, axis] = 1
-    rotation[:, i, i], rotation[:, j, j], rotation[:, i, j], rotation[:, j, i] = c, c, -s, s
-    return rotation
+    cross, angle = np.cross(np.eye(3)[axis], np.eye(3)).T, angle[:, None, None]
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)  # Rodrigues
 
 
 # ---------------------------------------------------------------------------------------------------------- parsing
@@ -264,15 +255,15 @@ def read_bvh(path: str | Path) -> BvhFile:
     if not path.is_file():
         raise UserError(f"BVH file '{path}' does not exist")
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise UserError(f"BVH file '{path}' cannot be read: {error.strerror or error}") from error
-    head, _, tail = re.sub(r"^\s*MOTION\s*$", "\0", text, count=1, flags=re.MULTILINE).partition("\0")
-    if not head.lstrip("\ufeff \t\r\n").upper().startswith("HIERARCHY") or not tail:
+    head, *tail = re.split(r"^\s*MOTION\s*$", text, maxsplit=1, flags=re.MULTILINE)
+    if not head.lstrip().upper().startswith("HIERARCHY") or not tail:
         raise UserError(f"file '{path}' is not BVH: it lacks the sections HIERARCHY and MOTION")
     try:
         names, parents, offsets, channels = _parse_hierarchy(head)
-        values, frame_time = _parse_motion(tail, sum(len(each) for each in channels))
+        values, frame_time = _parse_motion(tail[0], sum(map(len, channels)))
     except UserError as error:
         raise UserError(f"BVH file '{path}': {error}") from error
     return BvhFile(names, parents, offsets, channels, values, frame_time)
@@ -288,9 +279,8 @@ def _parse_hierarchy(text: str) -> _Hierarchy:
     channels: list[tuple[str, ...]] = []
     open_joints: list[int] = []
     lines = text.replace("{", "\n{\n").replace("}", "\n}\n").splitlines()
-    for line in (line.strip() for line in lines):
-        word, _, rest = line.partition(" ") if "\t" not in line else line.replace("\t", " ").partition(" ")
-        rest = rest.strip()
+    for line in map(str.strip, lines):
+        word, rest = (*line.split(None, 1), "", "")[:2]
         match word.upper():
             case "ROOT" | "JOINT" | "END":
                 parent = open_joints[-1] if open_joints else -1
@@ -310,7 +300,7 @@ def _parse_hierarchy(text: str) -> _Hierarchy:
                 offsets[open_joints[-1]] = _numbers(rest, 3, f"OFFSET of '{names[open_joints[-1]]}'")
             case "CHANNELS" if open_joints:
                 channels[open_joints[-1]] = _channels(rest, names[open_joints[-1]])
-            case "" | "HIERARCHY" | "\ufeffHIERARCHY":
+            case "" | "HIERARCHY":
                 pass
             case _:
                 raise UserError(f"'{line[:40]}' is not understood in its hierarchy")
@@ -320,16 +310,14 @@ def _parse_hierarchy(text: str) -> _Hierarchy:
 
 
 def _channels(text: str, joint: str) -> tuple[str, ...]:
-    words = text.lower().split()
+    count, *channels = text.lower().split() or ["no"]
     known = {f"{axis}{kind}" for axis in "xyz" for kind in ("position", "rotation")}
-    for word in words[1:]:
+    for word in channels:
         if word not in known:
             raise UserError(f"joint '{joint}' has an unknown channel '{word}'{did_you_mean(word, known)}")
-    if not words or words[0] != str(len(words) - 1):
-        raise UserError(
-            f"joint '{joint}' says it has {words[0] if words else 'no'} channels and lists {len(words) - 1}"
-        )
-    return tuple(words[1:])
+    if count != str(len(channels)):
+        raise UserError(f"joint '{joint}' says it has {count} channels and lists {len(channels)}")
+    return tuple(channels)
 
 
 def _numbers(text: str, count: int, what: str) -> list[float]:
@@ -343,18 +331,16 @@ def _numbers(text: str, count: int, what: str) -> list[float]:
 
 
 def _parse_motion(text: str, columns: int) -> tuple[np.ndarray, float]:
-    lines = text.strip().split("\n", 2)
-    fields = [line.partition(":") for line in lines[:2]]
-    if len(lines) < 2 or [key.strip().lower() for key, _, _ in fields] != ["frames", "frame time"]:
+    start = re.match(r"\s*frames\s*:(.*)\n\s*frame time\s*:(.*)", text, re.IGNORECASE)
+    if not start:
         raise UserError("its section MOTION does not begin with 'Frames:' and 'Frame Time:'")
-    frames = _numbers(fields[0][2], 1, "'Frames:'")[0]
-    frame_time = _numbers(fields[1][2], 1, "'Frame Time:'")[0]
+    (frames,), (frame_time,) = _numbers(start[1], 1, "'Frames:'"), _numbers(start[2], 1, "'Frame Time:'")
     if frames < 1:
         raise UserError("it holds no frames")
     if frame_time <= 0:
         raise UserError(f"its frame time is {frame_time:g} s; it must be positive")
     try:
-        values = np.array((lines[2] if len(lines) > 2 else "").split(), dtype=np.float64)
+        values = np.array(text[start.end() :].split(), dtype=np.float64)
     except ValueError as error:
         raise UserError(f"its motion holds something that is not a number ({error})") from error
     if values.size != frames * columns or columns == 0:
@@ -386,108 +372,75 @@ def write_bvh(motion: Motion, path: str | Path, unit: str = "cm") -> None:
     joints = motion.joints.detach()[motion.valid].double().cpu()
     if len(joints) == 0:
         raise UserError("a motion without a valid frame cannot be written as BVH")
-    rest = _rest_offsets(joints, motion.skeleton)
-    turns = _bone_rotations(joints, rest, motion.skeleton)
-    lines: list[str] = ["HIERARCHY"]
-    columns = [joints[:, 0].numpy() / UNITS[unit]]
-    _write_joint(0, 0, motion.skeleton, rest / UNITS[unit], turns, lines, columns)
-    rows = np.concatenate(columns, axis=1)
-    lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / motion.fps:.8f}"]
-    lines += [" ".join(f"{value:.6f}" for value in row) for row in rows]
+    nodes = list(_nodes(Motion(joints, fps=motion.fps, skeleton=motion.skeleton)))
+    rows = np.concatenate([joints[:, 0].numpy() / UNITS[unit], *(_angles(turn) for *_, turn in nodes)], axis=1)
+    lines = [*_hierarchy(nodes, UNITS[unit]), "MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / motion.fps:.8f}"]
     with atomic_write(path, "w") as out:
-        out.write("\n".join(lines) + "\n")
+        np.savetxt(out, rows, "%.6f", header="\n".join(lines), comments="")
 
 
-def _children(skeleton: Skeleton, joint: int) -> list[int]:
-    return [child for child, parent in enumerate(skeleton.parents) if parent == joint]
+_Node = tuple[int, str, np.ndarray, np.ndarray]
+"""Depth in the tree, name, rest offset from the joint above (m), and turns relative to it, of a joint as written."""
 
 
-def _rest_offsets(joints: Float[torch.Tensor, "T J 3"], skeleton: Skeleton) -> np.ndarray:
-    """Rest directions of the skeleton with the motion's median bone lengths, ``[J, 3]`` metres."""
-    rest = np.array(skeleton.offsets)
-    for parent, joint in skeleton.bones:
-        length = float((joints[:, joint] - joints[:, parent]).norm(dim=-1).median())
-        rest[joint] *= length / max(float(np.linalg.norm(rest[joint])), 1e-9)
-    return rest
+def _nodes(motion: Motion) -> Iterator[_Node]:
+    """Every joint, parents first, depth first; a joint that branches is followed by one for each bone's own turn."""
+    skeleton, ends = motion.skeleton, [child for _, child in motion.skeleton.bones]
+    # Rest directions of the skeleton, with the motion's median bone lengths.
+    rest, lengths = np.array(skeleton.offsets), bone_lengths(motion).median(0).values.numpy()
+    rest[ends] *= (lengths / np.maximum(skeleton.bone_lengths[ends], 1e-9))[:, None]
 
+    def below(joint: int, depth: int, above: np.ndarray) -> Iterator[_Node]:
+        children = [child for parent, child in skeleton.bones if parent == joint]
+        bones = motion.joints[:, children] - motion.joints[:, [joint]]
+        branches, turn = len(children) > 1, above
+        if branches:
+            turn = _best_rotation(rest[children], bones.numpy())
+        elif children:
+            turn = _swing(above, rest[children[0]], bones[:, 0])
+        yield depth, skeleton.names[joint], rest[joint], above.swapaxes(-1, -2) @ turn
+        for i, child in enumerate(children):
+            swung = _swing(turn, rest[child], bones[:, i]) if branches else turn
+            if branches:
+                link = f"{skeleton.names[joint]}_to_{skeleton.names[child]}"
+                yield depth + 1, link, np.zeros(3), turn.swapaxes(-1, -2) @ swung
+            yield from below(child, depth + 1 + branches, swung)
 
-def _bone_rotations(
-    joints: Float[torch.Tensor, "T J 3"], rest: np.ndarray, skeleton: Skeleton
-) -> dict[tuple[int, int], np.ndarray]:
-    """World rotations ``[T, 3, 3]``: of every joint as (joint, joint), of every bone at a branch as (parent, child)."""
-    world: dict[tuple[int, int], np.ndarray] = {}
-    for joint, parent in enumerate(skeleton.parents):
-        children = _children(skeleton, joint)
-        above = np.broadcast_to(np.eye(3), (len(joints), 3, 3)) if parent < 0 else _above(world, parent, joint)
-        bones = {child: joints[:, child] - joints[:, joint] for child in children}
-        if len(children) > 1:
-            above = _best_rotation(rest[children], np.stack([bones[child].numpy() for child in children], axis=1))
-        turned = {child: _swing(above, rest[child], bones[child]) for child in children}
-        world[joint, joint] = turned[children[0]] if len(children) == 1 else above
-        if len(children) > 1:
-            world |= {(joint, child): turned[child] for child in children}
-    return world
-
-
-def _above(world: dict[tuple[int, int], np.ndarray], parent: int, joint: int) -> np.ndarray:
-    return world.get((parent, joint), world[parent, parent])
+    yield from below(0, 0, np.tile(np.eye(3), (motion.frames, 1, 1)))
 
 
 def _swing(above: np.ndarray, rest: np.ndarray, bone: Float[torch.Tensor, "T 3"]) -> np.ndarray:
     """The rotation nearest to `above` that points `rest` along `bone`."""
-    before = torch.from_numpy(above @ rest)
-    return np.asarray(rotation_between(before, bone).numpy() @ above)
+    swing: np.ndarray = rotation_between(torch.from_numpy(above @ rest), bone).numpy()
+    return swing @ above
 
 
 def _best_rotation(rest: np.ndarray, bones: np.ndarray) -> np.ndarray:
     """Least-squares rotations of n rest vectors ``[n, 3]`` onto ``[T, n, 3]`` (Kabsch)."""
     u, _, v = np.linalg.svd(np.einsum("tni,nj->tij", bones, rest))
-    sign = np.sign(np.linalg.det(u @ v))
-    u[..., 2] *= sign[:, None]
+    u[..., 2] *= np.sign(np.linalg.det(u @ v))[:, None]
     return np.asarray(u @ v)
 
 
-def _write_joint(
-    joint: int, depth: int, skeleton: Skeleton, rest: np.ndarray, turns: dict[tuple[int, int], np.ndarray],
-    lines: list[str], columns: list[np.ndarray],
-) -> None:  # fmt: skip
-    """Append a joint and all below it to the hierarchy, and its angles to the columns."""
-    parent = skeleton.parents[joint]
-    identity = np.broadcast_to(np.eye(3), turns[0, 0].shape)
-    above = identity if parent < 0 else _above(turns, parent, joint)
-    keyword = "ROOT" if parent < 0 else "JOINT"
-    position = "6 Xposition Yposition Zposition" if parent < 0 else "3"
-    pad = "\t" * depth
-    lines += [f"{pad}{keyword} {skeleton.names[joint]}", f"{pad}{{", f"{pad}\tOFFSET {_vector(rest[joint])}"]
-    lines.append(f"{pad}\tCHANNELS {position} Zrotation Xrotation Yrotation")
-    columns.append(_euler_zxy(above.swapaxes(-1, -2) @ turns[joint, joint]))
-    children = _children(skeleton, joint)
-    if not children:
-        tip = rest[joint] * 0.5
-        lines += [f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET {_vector(tip)}", f"{pad}\t}}"]
-    for child in children:
-        if (joint, child) not in turns:
-            _write_joint(child, depth + 1, skeleton, rest, turns, lines, columns)
-            continue
-        link = f"{skeleton.names[joint]}_to_{skeleton.names[child]}"
-        lines += [f"{pad}\tJOINT {link}", f"{pad}\t{{", f"{pad}\t\tOFFSET {_vector(np.zeros(3))}"]
-        lines.append(f"{pad}\t\tCHANNELS 3 Zrotation Xrotation Yrotation")
-        columns.append(_euler_zxy(turns[joint, joint].swapaxes(-1, -2) @ turns[joint, child]))
-        _write_joint(child, depth + 2, skeleton, rest, turns, lines, columns)
-        lines.append(f"{pad}\t}}")
-    lines.append(f"{pad}}}")
+def _angles(turn: np.ndarray) -> Float[np.ndarray, "T 3"]:
+    """Angles z, x, y in degrees with R = Rz Rx Ry, continuous over time."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # where z and y turn about one axis, all of it is given to z
+        return np.unwrap(Rotation.from_matrix(turn).as_euler("ZXY", degrees=True), period=360, axis=0)
+
+
+def _hierarchy(nodes: list[_Node], metres: float) -> Iterator[str]:
+    """Lines that describe the tree, in units of so many metres."""
+    yield "HIERARCHY"
+    for (depth, name, rest, _), after in zip(nodes, [*(depth for depth, *_ in nodes[1:]), 0], strict=True):
+        pad, offset = "\t" * depth, rest / metres
+        yield from (f"{pad}{'JOINT' if depth else 'ROOT'} {name}", f"{pad}{{", f"{pad}\tOFFSET {_vector(offset)}")
+        place = "3" if depth else "6 Xposition Yposition Zposition"
+        yield f"{pad}\tCHANNELS {place} Zrotation Xrotation Yrotation"
+        if after <= depth:
+            yield from (f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET {_vector(offset / 2)}", f"{pad}\t}}")
+        yield from ("\t" * closed + "}" for closed in range(depth, after - 1, -1))
 
 
 def _vector(values: np.ndarray) -> str:
     return " ".join(f"{value:.6f}" for value in values)
-
-
-def _euler_zxy(rotation: np.ndarray) -> np.ndarray:
-    """Angles z, x, y in degrees with R = Rz Rx Ry, continuous over time, ``[T, 3]``."""
-    x = np.arcsin(np.clip(rotation[:, 2, 1], -1, 1))
-    z = np.arctan2(-rotation[:, 0, 1], rotation[:, 1, 1])
-    y = np.arctan2(-rotation[:, 2, 0], rotation[:, 2, 2])
-    locked = np.abs(rotation[:, 2, 1]) > 1 - 1e-9  # z and y turn about one axis: give all of it to y
-    z = np.where(locked, 0.0, z)
-    y = np.where(locked, np.arctan2(rotation[:, 0, 2], rotation[:, 0, 0]), y)
-    return np.degrees(np.unwrap(np.stack([z, x, y], axis=-1), axis=0))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from scenectl.generators.registry import find
+from scenectl.threads import use
 from scenes.errors import UserError, did_you_mean
 from scenes.validation import sentence
 
@@ -25,14 +26,12 @@ def load_generator(
     Args:
         name: of a registered family (`scenectl.generators.registry`).
         weights: name of bundled weights, or a folder; "default" is the family's own.
-        threads: CPU threads torch may use; None leaves its setting alone.
+        threads: of the CPU that torch uses from now on; by default one while motions are made (`scenectl.threads`).
         sampling: the family's settings (for MSCoT: `cfg`, `temperature`, `top_p`, `clip_nats`, `clip_coarsest`).
 
     Raises:
         UserError: unknown generator or setting, missing or damaged weights.
     """
-    import torch
-
     from scenectl.generators.weights import open_weights
 
     family = find(name)
@@ -45,5 +44,5 @@ def load_generator(
     except ValidationError as error:
         raise UserError(f"generator '{name}': {sentence(error, sampling, family.settings)}") from error
     if threads is not None:
-        torch.set_num_threads(threads)
+        use(threads)
     return family.open(open_weights(family, weights), settings)

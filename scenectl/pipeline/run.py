@@ -13,7 +13,7 @@ from scenectl.control.solvers.problem import Solution
 from scenectl.generators import load_generator
 from scenectl.generators.base import Generator, Progress, silent
 from scenectl.measures.metrics import Scorer
-from scenectl.pipeline.generation import make
+from scenectl.pipeline.generation import Made, make
 from scenectl.pipeline.rank import ranked
 from scenectl.pipeline.report import report_of
 from scenectl.pipeline.results import Drawer, Result, plain_json
@@ -52,21 +52,7 @@ def run(
         raise UserError(f"the seed is {seed}; give a whole number from 0 to {2**63 - 1}")
     if not 1 <= samples <= 256:
         raise UserError(f"{samples} samples cannot be made at once; give 1 to 256")
-    with threads(task.generator.threads):
-        return _run(task, samples, seed, generator, progress or silent, setup, scorer, drawer)
-
-
-def _run(
-    task: Task,
-    samples: int,
-    seed: int,
-    generator: Generator | None,
-    tell: Progress,
-    setup: Setup | None,
-    scorer: Scorer | None,
-    drawer: Drawer | None,
-) -> Result:
-    clock = _Clock()
+    tell, clock = progress or silent, _Clock()
     tell("reading the scene and planning", 0.0)
     setup = task.build(seed, spec=None if generator is None else generator.spec) if setup is None else setup
     clock.lap("plan_s")
@@ -74,15 +60,12 @@ def _run(
     weights = task.generator.weights if generator is None else None
     generator = load_task_generator(task) if generator is None else generator
     clock.lap("load_s")
-    made = make(
-        generator, task.prompt, setup.seconds, setup.start, setup.objective, setup.context, solver=task.solver,
-        guidance=task.guidance, free_start=isinstance(task.start, Start) and task.start.free, samples=samples,
-        seed=seed, progress=tell,
-    )  # fmt: skip
-    clock.lap("generate_s")
-    tell("measuring", 0.0)
-    motion, rows = ranked(made.motion, made.unrefined, setup, scorer or Scorer(setup.scene, setup.body), tell)
-    clock.lap("measure_s")
+    with threads(task.generator.threads):  # scenes are baked on all cores, by threads that don't spin
+        made = _generated(task, setup, generator, samples, seed, tell)
+        clock.lap("generate_s")
+        tell("measuring", 0.0)
+        motion, rows = ranked(made.motion, made.unrefined, setup, scorer or Scorer(setup.scene, setup.body), tell)
+        clock.lap("measure_s")
     facts = {
         "seed": seed,
         "generator": {
@@ -95,6 +78,13 @@ def _run(
         "timing": clock.laps,
     }
     return Result(setup, motion, rows, {**report_of(setup, rows, motion.fps), **facts}, drawer)
+
+
+def _generated(task: Task, setup: Setup, generator: Generator, samples: int, seed: int, tell: Progress) -> Made:
+    free = isinstance(task.start, Start) and task.start.free
+    settings: dict[str, Any] = {"solver": task.solver, "guidance": task.guidance, "free_start": free}
+    place = setup.seconds, setup.start, setup.objective, setup.context
+    return make(generator, task.prompt, *place, **settings, samples=samples, seed=seed, progress=tell)
 
 
 def _refinement(found: Solution | None) -> dict[str, Any] | None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from scenectl.generators.spec import Spec
-from scenectl.tasks.schema import TaskTable, known_keys
+from scenectl.tasks.schema import GeneratorSpec, TaskTable, known_keys
 from scenectl.tasks.setup import Setup, plan
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Pose2D
+from scenes.validation import sentence
 from scenes.world.scene import Scene
 
 
@@ -23,15 +26,17 @@ class Task(TaskTable):
         scene: Scene | None = None,
         spec: Spec | None = None,
     ) -> Setup:
-        """Everything a generator needs, checked; raises UserError for what cannot be right.
-
-        Args:
-            seed: of the sampled start, by default the task's.
-            start: instead of the task's own, as when a finished motion is scored.
-            scene: instead of reading it again.
-            spec: of the generator, where it is not the one that the task names.
-        """
+        """Everything a generator needs, checked; arguments as `plan` takes them."""
         return plan(self, seed, start, scene, spec)
+
+    def with_generator(self, name: str | None = None, weights: str | None = None) -> Task:
+        """The same task for another family or other weights; raises UserError where its settings are not that one's."""
+        given = {key: value for key, value in (("name", name), ("weights", weights)) if value is not None}
+        table = self.generator.model_dump(exclude_unset=True) | given
+        try:
+            return self.model_copy(update={"generator": GeneratorSpec.model_validate(table)})
+        except ValidationError as error:
+            raise UserError(sentence(error, table, GeneratorSpec)) from error
 
 
 def load_task(path: str | Path) -> Task:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from scenectl.data.sources import is_humanml3d
+from scenectl.threads import use
 from scenectl.training.placement import place
 from scenectl.training.recipe import load_recipe
 from scenectl.training.stages import Run, Training
@@ -51,7 +50,7 @@ def train(
     if stage == "all" and iterations is not None:
         raise UserError("iterations can be given for a single stage only; name it instead of 'all'")
     if threads is not None:
-        torch.set_num_threads(threads)
+        use(threads)
     if text is not None:
         recipe = plan.with_text(recipe, text)
     run = Run(plan, recipe, Path(data), out, iterations, place(device, recipe.precision))

@@ -3,29 +3,46 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from scenectl.view.stage import polydata
+from scenectl.view.shapes import facets
+
+if TYPE_CHECKING:
+    from pyvista import Plotter
 
 ANGLE = 26.0
 """Vertical opening of the camera, degrees: long enough that nothing near the edge is distorted."""
 
 
-@dataclass(frozen=True)
-class Camera:
-    """A place to look from.
-
-    Attributes:
-        position, target: metres, world.
-        hidden: share of the body's points that something covers, 0 to 1.
-    """
+class Camera(NamedTuple):
+    """A place to look from and what is in the middle of the picture, ``[3]`` m, world."""
 
     position: np.ndarray
     target: np.ndarray
-    hidden: float
+
+
+def look_from(stage: Plotter, camera: Camera) -> None:
+    """Look by light that comes with the camera: a key light over its left shoulder, a soft one from the right, and a
+    little from above."""
+    from pyvista import Light
+
+    stage.camera.position, stage.camera.focal_point = camera.position.tolist(), camera.target.tolist()
+    stage.camera.up, stage.camera.view_angle = (0.0, 1.0, 0.0), ANGLE
+    back = camera.position - camera.target
+    scale = float(np.linalg.norm(back))
+    up = np.array([0.0, scale, 0.0])
+    right = np.cross(up, back)
+    right *= scale / max(float(np.linalg.norm(right)), 1e-9)
+    for offset, strength in (
+        (back - 0.5 * right + 0.7 * up, 0.62),
+        (back + 0.9 * right + 0.2 * up, 0.3),
+        (up - 0.3 * back, 0.34),
+    ):
+        place = (camera.target + offset).tolist()
+        light = Light(position=place, focal_point=camera.target.tolist(), intensity=strength, positional=False)
+        stage.add_light(light)
 
 
 class Sight:
@@ -37,15 +54,14 @@ class Sight:
         self.triangles, self.one_sided = triangles, one_sided
         edge_a, edge_b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
         self.normals = np.cross(edge_a, edge_b)
-        self._locator: Any = None
+        self._locator = vtkStaticCellLocator()
         if len(triangles):
-            self._locator = vtkStaticCellLocator()
-            self._locator.SetDataSet(polydata(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)))
+            self._locator.SetDataSet(facets(triangles))
             self._locator.BuildLocator()
 
     def covering(self, eye: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Indices of the triangles that cover `point` when seen from `eye`."""
-        if self._locator is None:
+        if not len(self.triangles):
             return np.zeros(0, dtype=int)
         from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
 
@@ -86,7 +102,7 @@ def choose(points: np.ndarray, sight: Sight, along: np.ndarray, aspect: float, r
         eye = target + back * _distance(points, target, back, aspect, room)
         hidden = float(np.mean([len(sight.covering(eye, p)) > 0 for p in probe]))
         if best is None or cost + hidden < best[0]:
-            best = (cost + hidden, Camera(eye, target, hidden))
+            best = (cost + hidden, Camera(eye, target))
     assert best is not None
     return best[1]
 

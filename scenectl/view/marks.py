@@ -2,59 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from objectives import Mark
-from scenectl.view.shapes import Hull, capsules, joined, ring, tube
-from scenectl.view.stage import GLOW, Colour, Finish, Stage
+from scenectl.view.shapes import capsules
+from scenectl.view.stage import ROUND
 
-GOAL: Colour = (200, 50, 43)
-WAY: Colour = (47, 125, 107)
-OBSTACLE: Colour = (122, 94, 168)
+if TYPE_CHECKING:
+    from pyvista import Plotter
+
+GOAL, WAY, OBSTACLE = (200, 50, 43), (47, 125, 107), (122, 94, 168)
 LIFT = 0.02
 """Metres by which what lies on the floor is raised, so that it shows."""
-_COLOURS: dict[str, Colour] = {"goal": GOAL, "way": WAY, "obstacle": OBSTACLE}
+_COLOURS = {"goal": GOAL, "way": WAY, "obstacle": OBSTACLE}
 _LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
 """Radii (m) of lines and of the dot in a ring, and the least of a ring: seen from across a room."""
-_BRIGHT = Finish(ambient=0.4, diffuse=1.0, specular=0.0, smooth=True)
-_ROUND = Finish(ambient=0.0, diffuse=1.0, specular=0.0, smooth=True)
 
 
-def draw_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
-    """Draw marks; what moves is drawn where it is at each of some times (s), pale at first and solid at last.
-
-    Args:
-        stage: to draw on; what was drawn before stays, but for what moves.
-        marks: of goals.
-        floor: height (m) of what states none.
-        times: seconds.
-    """
-    for mark in (mark for mark in marks if mark.times is None):
+def draw_marks(stage: Plotter, marks: Sequence[Mark], floor: float) -> None:
+    """Draw those marks that stand still; `floor` is the height (m) of what states none."""
+    for mark in (mark for mark in marks if not _moves(mark)):
         _draw(stage, mark, places(mark, floor), opacity_of(mark))
-    draw_moving_marks(stage, marks, floor, times)
 
 
-def draw_moving_marks(stage: Stage, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
-    """Draw those marks that move, at some times (s), in place of where they were drawn before."""
+def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
+    """Draw those marks that move in place of where they were: at some times (s), pale at first and solid at last."""
     for k, mark in enumerate(marks):
-        if mark.times is None:
-            continue
-        for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)):
-            now = int((mark.times - time).abs().argmin())
-            _draw(stage, mark, places(mark, floor)[now], share * opacity_of(mark), f"mark {k} {i}")
+        for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if _moves(mark) else ():
+            _draw(stage, mark, places(mark, floor, time), share * opacity_of(mark), f"mark {k} {i}")
+
+
+def _moves(mark: Mark) -> bool:
+    return mark.times is not None and bool((mark.points != mark.points[:1]).any())
 
 
 def fading(count: int) -> list[float]:
     """Opacities of one thing at several times, the last one solid."""
-    shares = np.linspace(0.0, 1.0, count) if count > 1 else np.ones(1)
-    return [0.15 + 0.85 * float(share) ** 2 for share in shares]
+    return [0.15 + 0.85 * share**2 for share in shares(count)]
 
 
-def places(mark: Mark, floor: float) -> np.ndarray:
-    """Points of a mark, ``[P, 3]`` or ``[T, P, 3]`` m; those without a height a little over the floor."""
-    points: np.ndarray = mark.points.detach().cpu().double().numpy().copy()
+def shares(count: int) -> list[float]:
+    """From 0 for the first of several to 1 for the last; 1 for a single one."""
+    return np.linspace(1.0, 0.0, count)[::-1].tolist()
+
+
+def places(mark: Mark, floor: float, time: float = 0.0) -> np.ndarray:
+    """Points of a mark at a time (s), ``[P, 3]`` m; those without a height a little over the floor."""
+    now = mark.points if mark.times is None else mark.points[(mark.times - time).abs().argmin()]
+    points: np.ndarray = now.detach().cpu().double().numpy().copy()
     points[..., 1] = np.where(np.isnan(points[..., 1]), floor + LIFT, points[..., 1])
     return points
 
@@ -64,36 +62,32 @@ def opacity_of(mark: Mark) -> float:
     return 0.5 if mark.role == "obstacle" and mark.shape != "line" else 0.85 if mark.shape == "ball" else 1.0
 
 
-def draw_line(stage: Stage, points: np.ndarray, colour: Colour, radius: float) -> None:
+def draw_line(stage: Plotter, points: np.ndarray, colour: tuple[int, int, int], radius: float) -> None:
     """A tube of a radius (m) along a polyline ``[P, 3]``; nothing where it has no length."""
+    from pyvista import lines_from_points
+
     kept = points[np.r_[True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-4]]
     if len(kept) > 1:
-        _put(stage, tube(kept, radius), colour, _BRIGHT)
+        stage.add_mesh(lines_from_points(kept).tube(radius=radius, n_sides=12), color=colour, ambient=0.4, **ROUND)
 
 
-def _draw(stage: Stage, mark: Mark, points: np.ndarray, opacity: float, name: str = "") -> None:
-    colour = _COLOURS[mark.role]
-    if not np.isfinite(points).all() or len(points) == 0:
+def _draw(stage: Plotter, mark: Mark, points: np.ndarray, opacity: float, name: str | None = None) -> None:
+    from pyvista import Disc, merge
+
+    colour, radius = _COLOURS[mark.role], max(mark.radius, _DOT)
+    if not np.isfinite(points).all():
         return
     if mark.shape == "line":
         draw_line(stage, points, colour, mark.radius or _LINE)
     elif mark.shape == "ring":
-        _put(stage, joined([part for point in points for part in _ring(point, mark.radius)]), colour, GLOW, 1.0, name)
+        wide = max(mark.radius, _LEAST)
+        flat = [
+            Disc(center=point, inner=inner, outer=outer, normal=(0.0, 1.0, 0.0), c_res=48)
+            for point in points
+            for inner, outer in ((0.8 * wide, wide + _DOT), (0.0, _DOT))  # a ring and a dot in it
+        ]
+        stage.add_mesh(merge(flat), color=colour, lighting=False, name=name)
     else:
-        _put(stage, _SOLIDS[mark.shape](points, max(mark.radius, _DOT)), colour, _ROUND, opacity, name)
-
-
-def _ring(centre: np.ndarray, radius: float) -> list[Hull]:
-    """A ring around a place and a dot at it."""
-    radius = max(radius, _LEAST)
-    return [ring(centre, 0.8 * radius, radius + _DOT), ring(centre, 0.0, _DOT, 24)]
-
-
-_SOLIDS: dict[str, Callable[[np.ndarray, float], Hull]] = {
-    "ball": lambda points, radius: capsules(points, points, np.full((len(points), 2), radius)),
-    "capsule": lambda points, radius: capsules(points[:1], points[1:2], np.full((1, 2), radius)),
-}
-
-
-def _put(stage: Stage, hull: Hull, colour: Colour, finish: Finish, opacity: float = 1.0, name: str = "") -> None:
-    stage.add_surface(hull.points, hull.faces, colour, finish, opacity, name, hull.normals)
+        a, b = (points, points) if mark.shape == "ball" else (points[:1], points[1:2])
+        hull = capsules(a, b, np.full((len(a), 2), radius))
+        stage.add_mesh(hull, color=colour, opacity=opacity, name=name, **ROUND)

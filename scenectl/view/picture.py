@@ -6,36 +6,33 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from objectives import Context, Mark, Objective
-from scenectl.view.camera import ANGLE, Camera, choose
+from scenectl.view.camera import Camera, choose, look_from
 from scenectl.view.evidence import draw_evidence
-from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, places
+from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, draw_moving_marks, places, shares
 from scenectl.view.room import GLASS, Room
-from scenectl.view.shapes import BodyShape, joined, soft_shadow
-from scenectl.view.stage import GLOW, SIZE, Colour, Finish, Stage, polydata, shaded
+from scenectl.view.shapes import body_hull, soft_shadow
+from scenectl.view.stage import INK, ROUND, SIZE, open_stage, scaled, write
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
 
-_FIRST, _LAST = np.array([238, 208, 190.0]), np.array([212, 78, 34.0])  # a person's colour at the start and the end
-_SKIN = Finish(ambient=0.3, diffuse=0.72, specular=0.12, smooth=True)
-_TRAIL: Colour = (138, 59, 30)
+if TYPE_CHECKING:
+    from pyvista import Plotter, RectilinearGrid
+
+_PALE, _STRONG = np.array([238.0, 208.0, 190.0]), np.array([212.0, 78.0, 34.0])
+"""A person's colour at the start and at the end."""
+_TRAIL = (138, 59, 30)
 _STEP, _FEWEST, _MOST = 0.6, 3, 8
 """Metres that the pelvis goes from one pose that is drawn to the next, and how few and many poses are drawn."""
 _NEAR, _FAR = 0.4, 0.6
 """Metres of clearance, and of distance on a slice, at the ends of their scales."""
-
-
-class Slice(NamedTuple):
-    """Signed distances on a horizontal plane: points ``[X, Z, 3]`` (m) and distances ``[X, Z]`` (m)."""
-
-    points: np.ndarray
-    distances: np.ndarray
+_CLEARANCE, _DISTANCE = "clearance (m)", "distance (m)"
 
 
 @dataclass(frozen=True)
@@ -77,39 +74,41 @@ class Picture:
             show_signs: where it is uncertain whether space is free, and the holes in meshes.
             size: pixels.
         """
-        stage, poses = Stage(size), self.moments(at)
+        stage, poses = open_stage(size), self.moments(at)
         times = [self.time(frame) for frame in poses] or [0.0]
-        self.set_stage(stage, poses, poses, times, show_signs)
-        self.room.draw_moving(stage, times)
+        self.set_stage(stage, poses, poses, show_signs)
+        self.draw_moving(stage, times)
         if poses:
             self._draw_people(stage, poses, clearance)
         if show_slice:
             self.draw_slice(stage, self.hip_height, 0.0 if at is None else at)
-        if show_signs:
-            draw_evidence(stage, self.scene)
-        stage.write(png)
+        write(stage, png)
 
-    def set_stage(
-        self, stage: Stage, poses: list[int], shown: list[int], times: Sequence[float], show_signs: bool
-    ) -> None:
-        """Camera, light, the scene at rest, goals and the title.
+    def set_stage(self, stage: Plotter, poses: list[int], shown: list[int], show_signs: bool) -> None:
+        """Camera, light, the scene at rest, goals, the title and the evidence of signs.
 
         Args:
             stage: to draw on.
             poses: frames that shall be in the picture.
             shown: those of them that nothing may cover.
-            times: seconds at which goals that move are drawn.
-            show_signs: the scene is looked through.
+            show_signs: where it is uncertain whether space is free; the scene is looked through then.
         """
-        camera = self._look(poses, stage.size[0] / stage.size[1])
-        stage.look_from(camera.position, camera.target, ANGLE)
+        camera = self._look(poses, stage.window_size[0] / stage.window_size[1])
+        look_from(stage, camera)
         probes = np.concatenate([self.joints(frame) for frame in shown]) if shown else np.zeros((0, 3))
         self.room.draw(stage, camera, probes, GLASS if show_signs else 1.0)
         if self.path is not None:
             draw_line(stage, self.path + np.array([0.0, LIFT, 0.0]), WAY, 0.015)
-        draw_marks(stage, self.marks, self.scene.floor.height, times)
+        draw_marks(stage, self.marks, self.scene.floor.height)
         if self.title:
-            stage.add_text(self.title, (0.015, 0.945), 24)
+            stage.add_text(self.title, position=(0.015, 0.945), viewport=True, font_size=12, color=INK)
+        if show_signs:
+            draw_evidence(stage, self.scene)
+
+    def draw_moving(self, stage: Plotter, times: Sequence[float]) -> None:
+        """What moves of the scene and the goals, in place of where it was: where it is at some times (s)."""
+        self.room.draw_moving(stage, times)
+        draw_moving_marks(stage, self.marks, self.scene.floor.height, times)
 
     # ---- what is shown when -----------------------------------------------------------------------------------
 
@@ -169,43 +168,37 @@ class Picture:
         if self.path is not None:
             wanted.append(self.path[::10])
         spots = [mark for mark in self.marks if mark.role == "goal" and mark.shape in ("ball", "ring")]
-        wanted += [places(mark, self.scene.floor.height).reshape(-1, 3) for mark in spots]
-        return choose(np.concatenate(wanted), sight, along, aspect)
+        wanted += [places(mark, self.scene.floor.height) for mark in spots]
+        points = np.concatenate(wanted)
+        return choose(points[np.isfinite(points).all(axis=1)], sight, along, aspect)
 
     # ---- the parts of a picture -------------------------------------------------------------------------------
 
-    def _draw_people(self, stage: Stage, poses: list[int], clearance: bool) -> None:
+    def _draw_people(self, stage: Plotter, poses: list[int], clearance: bool) -> None:
         """Bodies from pale (early) to strong (late), their shadows, the pelvis's way and the times."""
         assert self.motion is not None
-        shares = np.linspace(0.0, 1.0, len(poses)) if len(poses) > 1 else np.ones(1)
-        samples, radii = self.body.points(self.motion)
-        below = [samples[f].detach().double().numpy() for f in poses]
-        self._draw_shadow(stage, below, radii.numpy(), (0.22 + 0.28 * shares).tolist())
-        self.draw_bodies(stage, poses, (1 - shares[:, None]) * _FIRST + shares[:, None] * _LAST, clearance)
+        self._draw_shadow(stage, poses)
+        for frame, share in zip(poses, shares(len(poses)), strict=True):
+            self.draw_body(stage, frame, clearance, (1 - share) * _PALE + share * _STRONG)
         if len(poses) > 1:
             draw_line(stage, self.motion.joint("pelvis")[: poses[-1] + 1].double().numpy(), _TRAIL, 0.008)
         head = self.motion.skeleton.index("head")
-        for frame in poses:
-            x, y, z = self.joints(frame)[head] + [0.0, 0.24, 0.0]
-            stage.add_text(f"{self.time(frame):.1f} s", (x, y, z), 18)
+        stage.add_point_labels(
+            np.array([self.joints(frame)[head] + [0.0, 0.24, 0.0] for frame in poses]),
+            [f"{self.time(frame):.1f} s" for frame in poses],
+            bold=False, font_size=18, text_color=INK, shape=None, show_points=False, always_visible=True,
+        )  # fmt: skip
 
-    def draw_body(self, stage: Stage, frame: int, clearance: bool) -> None:
-        """The body at one frame, in place of where it was."""
-        self.draw_bodies(stage, [frame], _LAST[None], clearance)
-
-    def draw_bodies(self, stage: Stage, frames: list[int], colours: np.ndarray, clearance: bool) -> None:
-        """Bodies at some frames in a colour each, ``[n, 3]``, or coloured by their distance to the scene."""
-        shape = BodyShape(self.body)
-        hulls = [shape.hull(self.joints(frame)) for frame in frames]
+    def draw_body(
+        self, stage: Plotter, frame: int, clearance: bool, colour: np.ndarray = _STRONG, name: str | None = None
+    ) -> None:
+        """The body at a frame in a colour (sRGB 0 to 255), or coloured by its distance to the scene."""
+        hull = body_hull(self.body, self.joints(frame))
+        look = {"color": colour.astype(int).tolist()}
         if clearance:
-            found = [self.clearances(hull.points, frame) for hull, frame in zip(hulls, frames, strict=True)]
-            each = shaded(np.concatenate(found), "bad to good", (0.0, _NEAR))
-            stage.add_scale("clearance (m)", "bad to good", (0.0, _NEAR), (0.7, 0.03))
-        else:
-            each = np.repeat(colours, [len(hull.points) for hull in hulls], axis=0)
-            stage.remove("clearance (m)")
-        all_of_them = joined(hulls)
-        stage.add_surface(all_of_them.points, all_of_them.faces, each, _SKIN, 1.0, "body", all_of_them.normals)
+            hull.point_data[_CLEARANCE] = self.clearances(hull.points, frame)
+            look = scaled(_CLEARANCE, "RdYlGn", (0.0, _NEAR), 0.7)
+        stage.add_mesh(hull, name=name, ambient=0.3, diffuse=0.72, specular=0.12, **ROUND, **look)
 
     def clearances(self, points: np.ndarray, frame: int) -> np.ndarray:
         """Distance (m) of points on the body to the scene at a frame; negative inside."""
@@ -215,49 +208,38 @@ class Picture:
             distance: np.ndarray = self.scene.distance(torch.as_tensor(np.array(points)).float(), time).numpy()
         return distance
 
-    def _draw_shadow(self, stage: Stage, bodies: list[np.ndarray], radii: np.ndarray, strengths: list[float]) -> None:
-        x, z, dark = soft_shadow(bodies, radii, strengths)
-        points, faces = _plane(x, z, self.scene.floor.height + 0.012)
-        shade = np.full((dark.size, 4), 30.0)
-        shade[:, 3] = 255 * dark.ravel()
-        stage.add_surface(points.reshape(-1, 3), faces[(shade[faces, 3] >= 1).any(axis=1)], shade, GLOW)
+    def _draw_shadow(self, stage: Plotter, poses: list[int]) -> None:
+        from pyvista import RectilinearGrid
 
-    def draw_slice(self, stage: Stage, height: float, time: float) -> None:
+        assert self.motion is not None
+        samples, radii = self.body.points(self.motion)
+        bodies, strengths = [samples[f].double().numpy() for f in poses], [0.22 + 0.28 * s for s in shares(len(poses))]
+        x, z, dark = soft_shadow(bodies, radii.numpy(), strengths)
+        grid = RectilinearGrid(x, [self.scene.floor.height + 0.012], z)
+        shade = np.full((dark.size, 4), 30, dtype=np.uint8)
+        shade[:, 3] = 255 * dark.ravel(order="F")
+        grid.point_data["shade"] = shade
+        stage.add_mesh(grid, scalars="shade", rgba=True, lighting=False)
+
+    def draw_slice(self, stage: Plotter, height: float, time: float) -> None:
         """Signed distances on a horizontal plane at a time (s); the white line is the surface."""
-        from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-        from vtkmodules.vtkFiltersCore import vtkContourFilter
+        grid = self.slice_at(height, time)
+        look = scaled(_DISTANCE, "RdBu", (-_FAR, _FAR), 0.05)
+        stage.add_mesh(grid, opacity=0.6, lighting=False, name="slice", **look)
+        surface = grid.contour([0.0], scalars=_DISTANCE)
+        stage.remove_actor("slice surface")
+        if surface.n_points:
+            stage.add_mesh(surface, color="white", line_width=3, lighting=False, name="slice surface")
 
-        found = self.slice_at(height, time)
-        faces = _plane(found.points[:, 0, 0], found.points[0, :, 2], height)[1]
-        points, distances = found.points.reshape(-1, 3), found.distances.ravel()
-        colours = shaded(distances, "inside to outside", (-_FAR, _FAR))
-        stage.add_surface(points, faces, colours, GLOW, 0.6, "slice")
-        stage.add_scale("distance (m)", "inside to outside", (-_FAR, _FAR), (0.05, 0.03))
-        data, zero = polydata(points, faces), vtkContourFilter()
-        data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(distances), deep=True))
-        zero.SetInputData(data)
-        zero.SetValue(0, 0.0)
-        zero.Update()
-        surface = zero.GetOutput()
-        stage.remove("slice surface")
-        if surface.GetNumberOfLines():
-            lines = vtk_to_numpy(surface.GetLines().GetConnectivityArray()).reshape(-1, 2)
-            stage.add_lines(vtk_to_numpy(surface.GetPoints().GetData()), lines, (255, 255, 255), 3.0, "slice surface")
-
-    def slice_at(self, height: float, time: float = 0.0) -> Slice:
+    def slice_at(self, height: float, time: float = 0.0) -> RectilinearGrid:
         """The distance field at a height (m) and a time (s), on a grid of 4 cm or coarser."""
+        from pyvista import RectilinearGrid
+
         low, high = self.scene.bounds
         step = max(0.04, float((high - low)[[0, 2]].max()) / 300)
-        x, z = np.arange(low[0], high[0] + step, step), np.arange(low[2], high[2] + step, step)
-        points, _ = _plane(x, z, height)
+        x, z = (np.arange(low[k], high[k] + step, step) for k in (0, 2))
+        grid = RectilinearGrid(x, [height], z)
         with torch.no_grad():
-            distance = self.scene.distance(torch.as_tensor(points.reshape(-1, 3)).float(), torch.tensor(time))
-        return Slice(points, distance.numpy().reshape(len(x), len(z)))
-
-
-def _plane(x: np.ndarray, z: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """A horizontal grid: points ``[X, Z, 3]`` (m) and triangles ``[F, 3]`` of them."""
-    points = np.stack(np.meshgrid(x, [height], z, indexing="ij"), axis=-1)[:, 0]
-    i, j = (k.ravel() for k in np.meshgrid(np.arange(len(x) - 1), np.arange(len(z) - 1), indexing="ij"))
-    a, c = i * len(z) + j, (i + 1) * len(z) + j
-    return points, np.concatenate([np.stack([a, a + 1, c + 1], -1), np.stack([a, c + 1, c], -1)])
+            distance = self.scene.distance(torch.as_tensor(np.array(grid.points)).float(), torch.tensor(time))
+        grid.point_data[_DISTANCE] = distance.numpy()
+        return grid

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from scenectl.view.camera import Camera, Sight
 from scenectl.view.marks import OBSTACLE, fading
-from scenectl.view.shapes import Solid, inward, solid_of
-from scenectl.view.stage import MATT, Finish, Stage
+from scenectl.view.shapes import components, face_colours, facets, inward
+from scenectl.view.stage import MATT, Look
 from scenes.mesh.primitives import Plane
 from scenes.world.scene import Scene
+
+if TYPE_CHECKING:
+    from pyvista import Plotter
 
 GLASS = 0.22
 """Opacity of what is looked through."""
@@ -20,10 +24,18 @@ _ROOMY, _CUT = 2.6, 2.0
 """Height (m) over the floor from which a scene has a ceiling, and the height of the walls that are left of it then."""
 _COVERED, _PROBES = 0.06, 120
 """Share of the person's joints that an object may cover before it is glass, and how many of them are looked at."""
+_SOLID: Look = {"scalars": "colour", "rgb": True, **MATT}
 _TILES = ((232, 229, 223), (222, 218, 211))
-_TILE = Finish(ambient=0.4, diffuse=0.7, specular=0.0)
 _MARGIN = 1.5
 """Metres of ground around a person."""
+
+
+class Solid(NamedTuple):
+    """A mesh as it is drawn: triangles ``[F, 3, 3]`` (m), and of each its colour ``[F, 3]`` and its piece ``[F]``."""
+
+    triangles: np.ndarray
+    colours: np.ndarray
+    pieces: np.ndarray
 
 
 class Room:
@@ -48,21 +60,22 @@ class Room:
     def solids(self) -> list[Solid]:
         """Meshes and shapes at rest."""
         shapes = [s for s in self.scene.primitives if not isinstance(s, Plane) and s not in self.scene.moving]
-        return [solid_of(mesh) for mesh in (*self.scene.meshes, *(shape.mesh() for shape in shapes))]
+        meshes = (*self.scene.meshes, *(shape.mesh() for shape in shapes))
+        return [Solid(mesh.triangles, face_colours(mesh), components(mesh)) for mesh in meshes]
 
     @cached_property
     def moving_colours(self) -> list[np.ndarray]:
         """Of each face of each thing that moves."""
-        return [solid_of(thing.mesh(), OBSTACLE).colours for thing in self.scene.moving]
+        return [face_colours(thing.mesh(), OBSTACLE) for thing in self.scene.moving]
 
     def sight(self, time: float) -> Sight:
         """What may hide a person, with what moves where it is at a time (s), and without the ceiling."""
         parts = [solid.triangles for solid in self.solids]
         parts += [thing.mesh(time).triangles for thing in self.scene.moving]
-        triangles = np.concatenate(parts) if parts else np.zeros((0, 3, 3))
+        triangles = np.concatenate([np.zeros((0, 3, 3)), *parts])
         return Sight(triangles[triangles[:, :, 1].min(axis=1) < self.ceiling], self.one_sided)
 
-    def draw(self, stage: Stage, camera: Camera, probes: np.ndarray, opacity: float) -> None:
+    def draw(self, stage: Plotter, camera: Camera, probes: np.ndarray, opacity: float) -> None:
         """Solids, cut open towards the camera, and the ground where the scene has no floor of its own.
 
         Args:
@@ -71,7 +84,6 @@ class Room:
             probes: the person's joints, ``[n, 3]`` m; what covers many of them is drawn like glass.
             opacity: of solids.
         """
-        drawn: dict[float, list[tuple[np.ndarray, np.ndarray]]] = {opacity: [], min(opacity, GLASS): []}
         for solid in self.solids:
             triangles = solid.triangles
             seen = triangles[:, :, 1].min(axis=1) < self.ceiling
@@ -80,11 +92,12 @@ class Room:
                 seen &= (np.cross(*edges) * (camera.position - triangles[:, 0])).sum(-1) > 0
             way = self._in_the_way(triangles[seen], solid.pieces[seen], probes, camera)
             glass = seen & np.isin(solid.pieces, way)
-            drawn[opacity].append((triangles[seen & ~glass], solid.colours[seen & ~glass]))
-            drawn[min(opacity, GLASS)].append((triangles[glass], solid.colours[glass]))
-        for share, parts in drawn.items():
-            for triangles, colours in parts if share < 1.0 else _as_one(parts):
-                _add(stage, triangles, colours, share, below=self.ceiling)
+            for part, share in ((seen & ~glass, opacity), (glass, min(opacity, GLASS))):
+                if part.any():
+                    surface = facets(triangles[part], solid.colours[part])
+                    if np.isfinite(self.ceiling):
+                        surface = surface.clip("y", origin=(0.0, self.ceiling, 0.0))
+                    stage.add_mesh(surface, opacity=share, **_SOLID)
         if not self.scene.meshes:
             self._draw_ground(stage, probes if len(probes) else np.zeros((1, 3)))
 
@@ -97,34 +110,23 @@ class Room:
         hits = [np.unique(pieces[sight.covering(camera.position, p)]) for p in looked]
         which, counts = np.unique(np.concatenate(hits), return_counts=True)
         small = np.array([(pieces == piece).mean() < 0.5 for piece in which], dtype=bool)
-        way: np.ndarray = which[(counts > _COVERED * len(hits)) & small] if len(which) else which
-        return way
+        return which[(counts > _COVERED * len(hits)) & small]
 
-    def _draw_ground(self, stage: Stage, around: np.ndarray) -> None:
+    def _draw_ground(self, stage: Plotter, around: np.ndarray) -> None:
         """A tiled floor of 0.5 m squares, so that distances can be read off."""
-        low = 2 * np.floor(around.min(axis=0)[[0, 2]] - _MARGIN)
-        high = 2 * np.ceil(around.max(axis=0)[[0, 2]] + _MARGIN)
-        x, z = (grid.ravel() for grid in np.meshgrid(*(np.arange(low[k], high[k]) for k in range(2)), indexing="ij"))
-        corner = np.stack([x, np.zeros_like(x), z], axis=-1)[:, None] / 2 + [0.0, self.scene.floor.height, 0.0]
-        square = np.array([[0, 0, 0], [0, 0, 0.5], [0.5, 0, 0.5], [0, 0, 0], [0.5, 0, 0.5], [0.5, 0, 0]])
-        colours = np.where(((x + z) % 2)[:, None] > 0, *_TILES)
-        stage.add_surface((corner + square).reshape(-1, 3), None, np.repeat(colours, 6, axis=0), _TILE)
+        from pyvista import RectilinearGrid
 
-    def draw_moving(self, stage: Stage, times: Sequence[float]) -> None:
+        low = np.floor(around.min(axis=0)[[0, 2]] - _MARGIN)
+        high = np.ceil(around.max(axis=0)[[0, 2]] + _MARGIN)
+        x, z = (np.arange(low[k], high[k] + 0.5, 0.5) for k in range(2))
+        ground = RectilinearGrid(x, [self.scene.floor.height], z)
+        odd = np.add.outer(2 * z[:-1], 2 * x[:-1]).ravel() % 2  # cells go along x first
+        ground.cell_data["colour"] = np.where(odd[:, None] > 0, *_TILES).astype(np.uint8)
+        stage.add_mesh(ground, scalars="colour", rgb=True, ambient=0.4, diffuse=0.7)
+
+    def draw_moving(self, stage: Plotter, times: Sequence[float]) -> None:
         """What moves, where it is at each time (s): pale at first, solid at last, as the person is."""
         for k, thing in enumerate(self.scene.moving):
             for i, (time, opacity) in enumerate(zip(times, fading(len(times)), strict=True)):
-                _add(stage, thing.mesh(time).triangles, self.moving_colours[k], opacity, f"moving {k} {i}")
-
-
-def _as_one(parts: list[tuple[np.ndarray, np.ndarray]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Opaque solids as one, which is drawn at once."""
-    return [(np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts]))] if parts else []
-
-
-def _add(
-    stage: Stage, triangles: np.ndarray, colours: np.ndarray, opacity: float, name: str = "", below: float = np.inf
-) -> None:
-    if len(triangles):
-        each = np.repeat(colours, 3, axis=0)
-        stage.add_surface(triangles.reshape(-1, 3), None, each, MATT, opacity, name, below=below)
+                surface = facets(thing.mesh(time).triangles, self.moving_colours[k])
+                stage.add_mesh(surface, opacity=opacity, name=f"moving {k} {i}", **_SOLID)

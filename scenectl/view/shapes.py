@@ -1,13 +1,9 @@
-"""Geometry for pictures: the body as capsules, its shadow, the scene with its colours, balls, rings and tubes."""
+"""Geometry for pictures: the body as capsules, its shadow, the scene with its colours, rings and tubes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,148 +11,74 @@ from scenes.body.body import ProxyBody
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
 
+if TYPE_CHECKING:
+    from pyvista import PolyData
+
 CLAY = (216, 211, 203)
 """Colour of meshes that bring none."""
+_CELL, _BLUR = 0.02, 0.12
+"""Metres from one sample of a shadow to the next, and by which it fades on both sides of its edge."""
 
 
-@dataclass(frozen=True)
-class BodyShape:
-    """A body's surface: capsules that taper from joint sphere to joint sphere, and the spheres past the joints."""
+def facets(triangles: np.ndarray, colours: np.ndarray | None = None) -> PolyData:
+    """Triangles ``[F, 3, 3]`` (m) as a surface, in their order, each with its ``colour`` of ``[F, 3]``."""
+    from pyvista import PolyData
 
-    body: ProxyBody
-    rings: int = 6
-    sides: int = 18
-
-    @cached_property
-    def _parts(self) -> list[tuple[dict[int, float], float, dict[int, float], float]]:
-        """(blend of joints, radius) at both ends of every part."""
-        radius = {s.joint: s.radius for s in self.body.spheres if s.base < 0}
-        parts = []
-        for c in self.body.capsules:
-            # the trunk keeps its capsule's radius, limbs taper between their joints
-            a, b = (max(min(radius[j], 1.25 * c.radius), 0.75 * c.radius) for j in (c.a, c.b))
-            parts.append(({c.a: 1.0}, a, {c.b: 1.0}, b))
-        for s in self.body.spheres:
-            if s.base >= 0:
-                tip = {s.joint: 1.0 + s.beyond, s.base: -s.beyond}
-                parts.append(({s.joint: 1.0}, min(radius[s.joint], s.radius), tip, s.radius))
-        return parts
-
-    def hull(self, joints: np.ndarray) -> Hull:
-        """Surface of one pose ``[J, 3]`` (m)."""
-        unit = sphere(self.rings, self.sides)
-        ends = np.zeros((2, len(self._parts), len(joints)))
-        for k, (near, _, far, _) in enumerate(self._parts):
-            ends[0, k, list(near)], ends[1, k, list(far)] = list(near.values()), list(far.values())
-        a, b = ends @ joints
-        radii = np.array([(r_near, r_far) for _, r_near, _, r_far in self._parts])
-        return capsules(a, b, radii, unit)
+    surface = PolyData.from_regular_faces(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    if colours is not None:
+        surface.cell_data["colour"] = colours
+    return surface
 
 
-class Hull(NamedTuple):
-    """A smooth surface: corners ``[V, 3]`` (m), triangles ``[F, 3]`` of them, and unit normals ``[V, 3]``."""
-
-    points: np.ndarray
-    faces: np.ndarray
-    normals: np.ndarray
-
-
-def joined(hulls: Sequence[Hull]) -> Hull:
-    """Several surfaces as one."""
-    starts = np.cumsum([0, *(len(hull.points) for hull in hulls[:-1])])
-    faces = [hull.faces + start for hull, start in zip(hulls, starts, strict=True)]
-    points, normals = [hull.points for hull in hulls], [hull.normals for hull in hulls]
-    return Hull(np.concatenate(points), np.concatenate(faces), np.concatenate(normals))
-
-
-def sphere(rings: int = 6, sides: int = 18) -> Hull:
-    """The unit sphere around +z, its equator doubled, so that it can be drawn apart into a capsule."""
-    half = np.linspace(0.0, np.pi / 2, rings)
-    polar = np.concatenate([half, half + np.pi / 2])
-    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
-    points = np.stack(
-        [
-            np.outer(np.sin(polar), np.cos(turn)),
-            np.outer(np.sin(polar), np.sin(turn)),
-            np.outer(np.cos(polar), np.ones_like(turn)),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
-    return Hull(points, _strips(len(polar), sides), points)
+def body_hull(body: ProxyBody, joints: np.ndarray) -> PolyData:
+    """A body in a pose ``[J, 3]`` (m): capsules that taper from joint to joint, and the spheres past the joints."""
+    radius = {s.joint: s.radius for s in body.spheres if s.base < 0}
+    ends, radii = [], []
+    for c in body.capsules:
+        # the trunk keeps its capsule's radius, limbs taper between their joints
+        ends.append((joints[c.a], joints[c.b]))
+        radii.append([max(min(radius[j], 1.25 * c.radius), 0.75 * c.radius) for j in (c.a, c.b)])
+    for s in body.spheres:
+        if s.base >= 0:
+            ends.append((joints[s.joint], (1.0 + s.beyond) * joints[s.joint] - s.beyond * joints[s.base]))
+            radii.append([min(radius[s.joint], s.radius), s.radius])
+    a, b = np.stack(ends, axis=1)
+    return capsules(a, b, np.array(radii), sides=18)
 
 
-def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, unit: Hull | None = None) -> Hull:
+def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, sides: int = 60) -> PolyData:
     """Half a sphere around each end and what is between them; balls where ends are one point.
 
     Args:
         a: near ends, ``[n, 3]`` m.
         b: far ends.
         radii: at both, ``[n, 2]`` m.
-        unit: the sphere that is drawn apart.
+        sides: corners around each.
     """
-    unit = sphere(15, 60) if unit is None else unit
-    upper = np.arange(len(unit.points)) < len(unit.points) // 2  # the half towards +z belongs to the far end
-    normals = unit.points @ _frames(b - a)
-    centres = np.where(upper[:, None], b[:, None], a[:, None])
-    points = centres + np.where(upper, radii[:, 1:], radii[:, :1])[..., None] * normals
-    starts = len(unit.points) * np.arange(len(a))
-    faces = (unit.faces + starts[:, None, None]).reshape(-1, 3)
-    return Hull(points.reshape(-1, 3), faces, normals.reshape(-1, 3))
+    from pyvista import Capsule, PolyData
 
-
-def tube(points: np.ndarray, radius: float, sides: int = 12) -> Hull:
-    """A tube of a radius (m) along a polyline ``[P, 3]``, its ends open; neighbouring points must differ."""
-    steps = np.diff(points, axis=0)
-    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
-    along = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
-    back = np.linalg.norm(along, axis=1) < 1e-6  # where the line turns on the spot
-    along[back] = np.concatenate([steps, steps[-1:]])[back]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.empty_like(along)
-    across[0] = _frames(along[:1])[0, 0]
-    for k, (old, new) in enumerate(pairwise(along)):  # turned no more than the line is, so that the tube is not twisted
-        bend = (across[k] @ new) / max(1.0 + old @ new, 1e-9)
-        across[k + 1] = across[k] - bend * (old + new)
-    third = np.cross(along, across)
-    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)[:, None]
-    normals = np.cos(turn) * across[:, None] - np.sin(turn) * third[:, None]
-    # In the plane of a bend its ring is a wider ellipse, so that the tube keeps its width on both sides.
-    bends = np.zeros_like(along)
-    bends[1:-1] = np.diff(steps, axis=0)
-    wide = 2.0 / np.sqrt(np.maximum(4.0 - np.square(bends).sum(1), 1.0)) - 1.0
-    bends /= np.maximum(np.linalg.norm(bends, axis=1, keepdims=True), 1e-9)
-    wider = normals + (wide[:, None] * (normals @ bends[..., None])[..., 0])[..., None] * bends[:, None]
-    placed = points[:, None] + radius * wider
-    return Hull(placed.reshape(-1, 3), _strips(len(points), sides), normals.reshape(-1, 3))
-
-
-def ring(centre: np.ndarray, inner: float, outer: float, sides: int = 48) -> Hull:
-    """A flat horizontal ring around a point (m); a disc where `inner` is 0."""
-    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
-    circle = np.stack([np.sin(turn), np.zeros_like(turn), np.cos(turn)], axis=-1)
-    points = centre + np.concatenate([inner * circle, outer * circle])
-    return Hull(points, _strips(2, sides), np.tile([0.0, 1.0, 0.0], (2 * sides, 1)))
-
-
-def _strips(rows: int, sides: int) -> np.ndarray:
-    """Triangles between closed rows of as many points, ``[F, 3]``."""
-    i, j = np.meshgrid(np.arange(rows - 1), np.arange(sides), indexing="ij")
-    a, b = i * sides + j, i * sides + (j + 1) % sides
-    c, d = a + sides, b + sides
-    return np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])
+    unit = Capsule(radius=1.0, cylinder_length=2.0, resolution=sides).triangulate()  # around +x
+    far = unit.points[:, 0] > 0
+    normals = (unit.points - np.where(far[:, None], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])) @ _frames(b - a)
+    centres = np.where(far[:, None], b[:, None], a[:, None])
+    points = centres + np.where(far, radii[:, 1:], radii[:, :1])[..., None] * normals
+    faces = unit.regular_faces + unit.n_points * np.arange(len(a))[:, None, None]
+    hull = PolyData.from_regular_faces(points.reshape(-1, 3), faces.reshape(-1, 3))
+    hull.point_data.active_normals = normals.reshape(-1, 3)
+    return hull
 
 
 def _frames(axes: np.ndarray) -> np.ndarray:
-    """Rows x, y, z of frames whose z lie along the axes ``[n, 3]``; +z itself for those of no length."""
+    """Rows x, y, z of frames whose x lie along the axes ``[n, 3]``; +x itself for those of no length."""
     length = np.linalg.norm(axes, axis=1, keepdims=True)
-    z = np.where(length > 1e-9, axes / np.maximum(length, 1e-9), [0.0, 0.0, 1.0])
-    x = np.cross(np.where(np.abs(z[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), z)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    x = np.where(length > 1e-9, axes / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
+    y = np.cross(np.where(np.abs(x[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), x)
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
 def soft_shadow(
-    poses: list[np.ndarray], radius: np.ndarray, strengths: list[float], cell: float = 0.02, blur: float = 0.12
+    poses: list[np.ndarray], radius: np.ndarray, strengths: list[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shadow of bodies on the floor, straight down and soft.
 
@@ -164,39 +86,25 @@ def soft_shadow(
         poses: sample points of each body, ``[M, 3]`` metres.
         radius: of the samples, ``[M]``.
         strengths: darkness of each body's shadow, 0 to 1.
-        cell, blur: metres.
 
     Returns:
         x ``[X]``, z ``[Z]`` (m) and darkness ``[X, Z]``.
     """
     flat = np.concatenate([pose[:, [0, 2]] for pose in poses])
     low, high = flat.min(axis=0) - 0.4, flat.max(axis=0) + 0.4
-    x, z = (np.arange(low[k], high[k], cell) for k in range(2))
+    x, z = (np.arange(low[k], high[k], _CELL) for k in range(2))
     dark = np.zeros((len(x), len(z)))
     for pose, strength in zip(poses, strengths, strict=True):
         here = np.zeros_like(dark)
         for (px, py, pz), r in zip(pose, radius, strict=True):
-            reach = r + blur
+            reach = r + _BLUR
             i = slice(*np.searchsorted(x, [px - reach, px + reach]))
             j = slice(*np.searchsorted(z, [pz - reach, pz + reach]))
             away = np.sqrt(np.square(x[i] - px)[:, None] + np.square(z[j] - pz))
-            fade = np.clip((reach - away) / (2 * blur), 0.0, 1.0) * min(max(1.3 - 0.5 * py, 0.2), 1.0)
+            fade = np.clip((reach - away) / (2 * _BLUR), 0.0, 1.0) * min(max(1.3 - 0.5 * py, 0.2), 1.0)
             here[i, j] = np.maximum(here[i, j], fade * fade * (3 - 2 * fade))
         dark = np.maximum(dark, strength * here)
     return x, z, dark
-
-
-class Solid(NamedTuple):
-    """A mesh as it is drawn: triangles ``[F, 3, 3]`` (m), and of each its colour ``[F, 3]`` and its piece ``[F]``."""
-
-    triangles: np.ndarray
-    colours: np.ndarray
-    pieces: np.ndarray
-
-
-def solid_of(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> Solid:
-    """A mesh with the colours of the file it came from, else `otherwise`, and its connected pieces."""
-    return Solid(mesh.triangles, face_colours(mesh, otherwise), components(mesh))
 
 
 def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarray:

@@ -1,324 +1,35 @@
-"""The stage: a VTK window with what stands in it, a camera and light. VTK is loaded when one is made."""
+"""The stage: a plotter of pyvista's with background and finishes of all pictures. It is loaded when one is opened."""
 
 from __future__ import annotations
 
 import ctypes
 import os
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
 
+if TYPE_CHECKING:
+    from pyvista import Plotter
+
 SIZE = (1600, 1000)
 """Pixels of a picture."""
-Colour = tuple[int, int, int]
-INK: Colour = (64, 64, 60)
+INK = (64, 64, 60)
 """Of all writing."""
-_BACK, _HORIZON = (244, 242, 238), (223, 229, 234)
+Look = dict[str, Any]
+"""Arguments of `Plotter.add_mesh`."""
+MATT: Look = {"ambient": 0.36, "diffuse": 0.75, "specular": 0.03}
+ROUND: Look = {"interpolation": "phong"}
+"""Shaded by the normals of corners instead of facet by facet."""
+_BACK, _HORIZON = "#f4f2ee", "#dfe5ea"
 _SAMPLES = 8
 """Samples of a pixel that are asked for; drivers give fewer (Mesa's software one 4)."""
 _LAYERS = 8
 """Layers of glass behind each other that are told apart."""
 _COMPRESSION = 3
 """Of PNG files: a tenth larger than at 6, in a third of the time."""
-
-
-@dataclass(frozen=True)
-class Finish:
-    """How a surface takes light.
-
-    Attributes:
-        ambient, diffuse, specular: shares of the light; those of clay by default.
-        smooth: shaded by its normals, not facet by facet.
-        lit: False shows its colour as it is.
-    """
-
-    ambient: float = 0.36
-    diffuse: float = 0.75
-    specular: float = 0.03
-    smooth: bool = False
-    lit: bool = True
-
-
-MATT = Finish()
-GLOW = Finish(ambient=0.0, diffuse=1.0, specular=0.0, lit=False)
-
-
-class Stage:
-    """What is drawn: surfaces, lines and writing by name, in world metres.
-
-    Attributes:
-        actors: what was given a name, as VTK actors.
-    """
-
-    def __init__(self, size: tuple[int, int] = SIZE, off_screen: bool = True, glass: bool = False) -> None:
-        """Open an empty stage.
-
-        Args:
-            size: pixels.
-            off_screen: for a picture, not for a window.
-            glass: draw glass behind glass in its right order, at the price of rendering layer by layer.
-        """
-        _check_drawing(off_screen)
-        try:
-            import vtkmodules.vtkRenderingFreeType  # registers itself as the renderer of writing
-            import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers itself as the renderer of all else)
-            from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
-        except ImportError as error:
-            raise UserError(
-                f"pictures need VTK, which cannot be loaded ({error}); install its libraries with: apt-get install "
-                "libgl1 libx11-6 libxrender1"
-            ) from error
-        self.size = size
-        self.actors: dict[str, Any] = {}
-        self.renderer, self.window = vtkRenderer(), vtkRenderWindow()
-        self.window.SetOffScreenRendering(off_screen)
-        # Multisampling and layers of glass exclude each other: those are drawn large and made small.
-        self._larger = 2 if glass else 1
-        self.window.SetSize(self._larger * size[0], self._larger * size[1])
-        self.window.SetMultiSamples(0 if glass else _SAMPLES)
-        self.window.AddRenderer(self.renderer)
-        self.renderer.GradientBackgroundOn()
-        self.renderer.SetBackground(*_share(_BACK))
-        self.renderer.SetBackground2(*_share(_HORIZON))
-        if glass:
-            self.window.SetAlphaBitPlanes(1)
-            self.renderer.SetUseDepthPeeling(True)
-            self.renderer.SetMaximumNumberOfPeels(_LAYERS)
-
-    # ---- what is on it ----------------------------------------------------------------------------------------
-
-    def add_surface(
-        self,
-        points: np.ndarray,
-        faces: np.ndarray | None,
-        colour: np.ndarray | Colour,
-        finish: Finish = MATT,
-        opacity: float = 1.0,
-        name: str = "",
-        normals: np.ndarray | None = None,
-        below: float = np.inf,
-    ) -> Any:
-        """Triangles; what already has the name is replaced.
-
-        Args:
-            points: corners, ``[V, 3]`` m.
-            faces: triangles, ``[F, 3]``; None takes the corners three by three.
-            colour: sRGB 0 to 255, one or one for each corner, ``[V, 3]`` or with opacity ``[V, 4]``.
-            finish: how it takes light.
-            opacity: of all of it, 0 to 1.
-            name: by which it is found again, or none.
-            normals: unit vectors, ``[V, 3]``, for smooth ones.
-            below: height (m) above which it is cut away.
-        """
-        triangles = np.arange(len(points)).reshape(-1, 3) if faces is None else faces
-        actor = self._add(polydata(points, triangles, normals=normals), colour, name)
-        look = actor.GetProperty()
-        look.SetOpacity(opacity)
-        look.SetAmbient(finish.ambient)
-        look.SetDiffuse(finish.diffuse)
-        look.SetSpecular(finish.specular)
-        look.SetLighting(finish.lit)
-        look.SetInterpolation(2 if finish.smooth else 0)  # Phong or flat
-        if np.isfinite(below):
-            from vtkmodules.vtkCommonDataModel import vtkPlane
-
-            plane = vtkPlane()
-            plane.SetOrigin(0.0, below, 0.0)
-            plane.SetNormal(0.0, -1.0, 0.0)
-            actor.GetMapper().AddClippingPlane(plane)
-        return actor
-
-    def add_lines(self, points: np.ndarray, lines: np.ndarray, colour: Colour, width: float, name: str = "") -> Any:
-        """Lines of some pixels: corners ``[V, 3]`` m, and which of them each joins, ``[L, 2]``."""
-        actor = self._add(polydata(points, lines), colour, name)
-        actor.GetProperty().SetLineWidth(width)
-        actor.GetProperty().SetLighting(False)
-        return actor
-
-    def _add(self, data: Any, colour: np.ndarray | Colour, name: str) -> Any:
-        from vtkmodules.util.numpy_support import numpy_to_vtk
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
-
-        mapper, actor = vtkPolyDataMapper(), vtkActor()
-        mapper.SetInputData(data)
-        actor.SetMapper(mapper)
-        if isinstance(colour, np.ndarray):
-            data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colour, dtype=np.uint8), deep=True))
-            mapper.SetColorModeToDirectScalars()
-            actor.GetProperty().SetSpecularColor(*_share(colour[:, :3].mean(axis=0)))
-        else:
-            actor.GetProperty().SetColor(*_share(colour))
-        self._put(actor, name)
-        return actor
-
-    def add_text(self, text: str, place: tuple[float, ...], size: int, centred: bool = False) -> None:
-        """Writing at a share of the picture, (0, 0) at its lower left, or over a world point (x, y, z) m."""
-        from vtkmodules.vtkRenderingCore import vtkTextActor
-
-        actor = vtkTextActor()
-        actor.SetInput(text)
-        where = actor.GetPositionCoordinate()
-        if len(place) == 3:
-            where.SetCoordinateSystemToWorld()
-        else:
-            where.SetCoordinateSystemToNormalizedViewport()
-        where.SetValue(*place, *[0.0] * (3 - len(place)))
-        look = actor.GetTextProperty()
-        look.SetFontSize(size)
-        look.SetColor(*_share(INK))
-        if centred:
-            look.SetJustificationToCentered()
-        self._put(actor, "")
-
-    def add_scale(self, title: str, colours: str, limits: tuple[float, float], place: tuple[float, float]) -> None:
-        """A legend of `shaded` at a share of the picture; one title is shown once."""
-        from vtkmodules.vtkCommonCore import vtkLookupTable
-        from vtkmodules.vtkRenderingAnnotation import vtkScalarBarActor
-
-        table, bar = vtkLookupTable(), vtkScalarBarActor()
-        table.SetNumberOfTableValues(256)
-        table.SetTableRange(*limits)
-        for i, colour in enumerate(shaded(np.linspace(0.0, 1.0, 256), colours, (0.0, 1.0))):
-            table.SetTableValue(i, (*_share(colour), 1.0))
-        bar.SetLookupTable(table)
-        bar.SetOrientationToHorizontal()
-        bar.SetTitle(title)
-        bar.SetNumberOfLabels(5)
-        bar.SetPosition(*place)
-        bar.SetPosition2(0.25, 0.08)
-        bar.UnconstrainedFontSizeOn()
-        for look, size in ((bar.GetTitleTextProperty(), 16), (bar.GetLabelTextProperty(), 14)):
-            look.SetColor(0.0, 0.0, 0.0)
-            look.SetFontSize(size)
-            look.ItalicOff()
-            look.BoldOff()
-            look.ShadowOff()
-        self._put(bar, title)
-
-    def _put(self, actor: Any, name: str) -> None:
-        self.remove(name)
-        if name:
-            self.actors[name] = actor
-        self.renderer.AddViewProp(actor)
-
-    def remove(self, name: str) -> None:
-        """Take away what has the name, if anything has."""
-        if name in self.actors:
-            self.renderer.RemoveViewProp(self.actors.pop(name))
-
-    # ---- how it is looked at ----------------------------------------------------------------------------------
-
-    def look_from(self, position: np.ndarray, target: np.ndarray, angle: float) -> None:
-        """Look from a place at another (m, world) by light that comes with the camera.
-
-        A key light over its left shoulder, a soft one from the right, and a little from above.
-
-        Args:
-            position: of the camera, ``[3]``.
-            target: in the middle of the picture, ``[3]``.
-            angle: vertical opening, degrees.
-        """
-        from vtkmodules.vtkRenderingCore import vtkLight
-
-        active = self.renderer.GetActiveCamera()
-        active.SetPosition(*position)
-        active.SetFocalPoint(*target)
-        active.SetViewUp(0.0, 1.0, 0.0)
-        active.SetViewAngle(angle)
-        back = position - target
-        right = np.cross([0.0, 1.0, 0.0], back)
-        scale = float(np.linalg.norm(back))
-        right = right / max(float(np.linalg.norm(right)), 1e-9) * scale
-        for offset, strength in (
-            (back - 0.5 * right + [0.0, 0.7 * scale, 0.0], 0.62),
-            (back + 0.9 * right + [0.0, 0.2 * scale, 0.0], 0.3),
-            (np.array([0.0, scale, 0.0]) - 0.3 * back, 0.34),
-        ):
-            light = vtkLight()
-            light.SetLightTypeToSceneLight()
-            light.SetPosition(*(target + offset))
-            light.SetFocalPoint(*target)
-            light.SetIntensity(strength)
-            self.renderer.AddLight(light)
-
-    def render(self) -> None:
-        """Draw what is on the stage now."""
-        self.renderer.ResetCameraClippingRange()
-        self.window.Render()
-
-    def image(self) -> np.ndarray:
-        """What the stage shows, ``[H, W, 3]`` uint8."""
-        from vtkmodules.util.numpy_support import vtk_to_numpy
-        from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
-
-        self.render()
-        width, height, n = *self.size, self._larger
-        pixels = vtkUnsignedCharArray()
-        self.window.GetPixelData(0, 0, n * width - 1, n * height - 1, 0, pixels, 0)
-        blocks = vtk_to_numpy(pixels).reshape(height, n, width, n, 3)[::-1]
-        return blocks[:, 0, :, 0] if n == 1 else blocks.mean(axis=(1, 3)).round().astype(np.uint8)
-
-    def write(self, png: str | Path) -> None:
-        """What the stage shows as a PNG file, written whole or not at all; closes the stage."""
-        from PIL import Image
-
-        image = np.ascontiguousarray(self.image())
-        self.close()
-        with atomic_write(png) as file:
-            Image.fromarray(image).save(file, format="PNG", compress_level=_COMPRESSION)
-
-    def close(self) -> None:
-        """Give the window's memory back."""
-        self.window.Finalize()
-
-
-def polydata(points: np.ndarray, cells: np.ndarray, normals: np.ndarray | None = None) -> Any:
-    """Triangles or lines as VTK data, in their order: corners ``[V, 3]`` and cells ``[n, 3]`` or ``[n, 2]`` of them."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-
-    data, places, links = vtkPolyData(), vtkPoints(), vtkCellArray()
-    places.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
-    links.SetData(
-        cells.shape[1], numpy_to_vtkIdTypeArray(np.ascontiguousarray(cells.ravel(), dtype=np.int64), deep=True)
-    )
-    data.SetPoints(places)
-    if cells.shape[1] == 3:
-        data.SetPolys(links)
-    else:
-        data.SetLines(links)
-    if normals is not None:
-        data.GetPointData().SetNormals(numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32), deep=True))
-    return data
-
-
-def shaded(values: np.ndarray, colours: str, limits: tuple[float, float]) -> np.ndarray:
-    """Colours ``[n, 3]`` (sRGB 0 to 255) of values between limits, those outside as at the limit.
-
-    Args:
-        values: ``[n]``.
-        colours: of `SCALES`.
-        limits: values of its first and its last colour.
-    """
-    anchors = np.array([list(bytes.fromhex(code)) for code in SCALES[colours].split()], dtype=np.float64)
-    share = np.clip((values - limits[0]) / (limits[1] - limits[0]), 0.0, 1.0) * (len(anchors) - 1)
-    return np.stack([np.interp(share, np.arange(len(anchors)), channel) for channel in anchors.T], axis=-1).round()
-
-
-SCALES = {
-    "bad to good": "a50026 d73027 f46d43 fdae61 fee08b ffffbf d9ef8b a6d96a 66bd63 1a9850 006837",
-    "inside to outside": "67001f b2182b d6604d f4a582 fddbc7 f7f7f7 d1e5f0 92c5de 4393c3 2166ac 053061",
-    "dark to bright": "0d0887 41049d 6a00a8 8f0da4 b12a90 cc4778 e16462 f2844b fca636 fcce25 f0f921",
-}
-"""Colours, evenly spaced: ColorBrewer's RdYlGn and RdBu (Brewer et al. 2003), and matplotlib's plasma."""
-
 _OFF_SCREEN = {
     "libEGL.so.1": "vtkEGLRenderWindow",
     "libOSMesa.so.8": "vtkOSOpenGLRenderWindow",
@@ -326,8 +37,17 @@ _OFF_SCREEN = {
 }
 
 
-def _check_drawing(off_screen: bool) -> None:
-    """Choose what draws without a screen; raises UserError naming what to install where nothing can."""
+def open_stage(size: tuple[int, int] = SIZE, off_screen: bool = True, glass: bool = False) -> Plotter:
+    """An empty stage.
+
+    Args:
+        size: pixels.
+        off_screen: for a picture, not for a window.
+        glass: draw glass behind glass in its right order, at the price of rendering layer by layer.
+
+    Raises:
+        UserError: nothing can draw here; names what to install.
+    """
     if off_screen and sys.platform == "linux" and not os.environ.get("DISPLAY"):
         # VTK would try the X server first, complain, and crash where nothing else is there
         window = next((kind for library, kind in _OFF_SCREEN.items() if _loads(library)), None)
@@ -337,6 +57,21 @@ def _check_drawing(off_screen: bool) -> None:
                 "libgl1-mesa-dri"
             )
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", window)
+    try:
+        from pyvista import Plotter
+    except ImportError as error:
+        raise UserError(
+            f"pictures need VTK, which cannot be loaded ({error}); install its libraries with: apt-get install libgl1 "
+            "libx11-6 libxrender1"
+        ) from error
+    stage = Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
+    stage.set_background(_BACK, top=_HORIZON)
+    if glass:  # multisampling and layers of glass exclude each other
+        stage.enable_anti_aliasing("ssaa")
+        stage.enable_depth_peeling(_LAYERS)
+    else:
+        stage.enable_anti_aliasing("msaa", multi_samples=_SAMPLES)
+    return stage
 
 
 def _loads(library: str) -> bool:
@@ -347,6 +82,28 @@ def _loads(library: str) -> bool:
     return True
 
 
-def _share(colour: Colour | np.ndarray) -> tuple[float, ...]:
-    """A colour's channels from 0 to 1."""
-    return tuple(float(channel) / 255.0 for channel in colour)
+def scaled(title: str, colours: str, limits: tuple[float, float], across: float) -> Look:
+    """The look of what is coloured by values, with a legend.
+
+    Args:
+        title: of the legend, and the name of the values in the surface.
+        colours: matplotlib's name of a scale.
+        limits: values of its first and its last colour.
+        across: share of the picture's width at which the legend begins.
+    """
+    # its height is left to pyvista, which then removes it with the surface
+    legend = {"title": title, "color": "black", "width": 0.25, "position_x": across}
+    legend |= {"title_font_size": 18, "label_font_size": 14, "unconstrained_font_size": True}
+    # values that were interpolated past the edge of a facet would be drawn as a seam
+    look = {"cmap": colours, "clim": limits, "interpolate_before_map": False}
+    return {"scalars": title, "scalar_bar_args": legend, **look}
+
+
+def write(stage: Plotter, png: str | Path) -> None:
+    """What a stage shows as a PNG file, written whole or not at all; closes the stage."""
+    from PIL import Image
+
+    image = stage.screenshot(return_img=True)
+    stage.close()
+    with atomic_write(png) as file:
+        Image.fromarray(image).save(file, format="PNG", compress_level=_COMPRESSION)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scenectl.view.marks import draw_moving_marks
 from scenectl.view.picture import Picture
-from scenectl.view.stage import Stage
+from scenectl.view.stage import INK, Look, open_stage
 from scenes.errors import UserError
+
+if TYPE_CHECKING:
+    from pyvista import Plotter
 
 _HELP = "s slice   c clearance   left/right one frame   q leave"
 
@@ -21,37 +22,31 @@ def open_window(picture: Picture, show_slice: bool = False, show_signs: bool = F
     """Open a window with a time slider; s shows or hides the slice, c the clearances. Blocks until closed."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise UserError("there is no screen to open a window on; use --png FILE")
-    Window(picture, Stage(off_screen=False), show_slice, show_signs).run()
+    stage = open_stage(off_screen=False)
+    Window(picture, stage, show_slice, show_signs)
+    stage.show()
 
 
 class Window:
     """The state of the window: which frame, and what is switched on."""
 
-    def __init__(self, picture: Picture, stage: Stage, show_slice: bool = False, show_signs: bool = False) -> None:
+    def __init__(self, picture: Picture, stage: Plotter, show_slice: bool = False, show_signs: bool = False) -> None:
         """Fill a stage with what the window shows, its sliders and keys."""
-        from scenectl.view.evidence import draw_evidence
-
         self.picture, self.stage = picture, stage
         self.frame, self.clearance, self.slice, self.height = 0, False, show_slice, picture.hip_height
         poses = picture.moments(None)
-        picture.set_stage(stage, poses, poses[:1], [picture.time(0)], show_signs)
-        if show_signs:
-            draw_evidence(stage, picture.scene)
-        self._controls = _Controls(stage)
+        picture.set_stage(stage, poses, poses[:1], show_signs)
         if (motion := picture.motion) is not None:
-            span = (motion.t0, float(motion.times[-1]))
-            self._controls.slider("time (s)", span, motion.t0, (0.35, 0.95), self.at)
-            self._controls.keys |= {"c": self.toggle_clearance}
-            self._controls.keys |= {"Right": lambda: self.step(1), "Left": lambda: self.step(-1)}
-        self._controls.keys["s"] = self.toggle_slice
-        floor = picture.scene.floor.height
-        self._controls.slider("slice (m)", (floor, floor + 2.0), self.height, (0.03, 0.25), self.at_height)
-        stage.add_text(_HELP, (0.005, 0.005), 18)
-        self._show()
-
-    def run(self) -> None:
-        """Show it until it is closed."""
-        self._controls.run()
+            span, start = (motion.t0, float(motion.times[-1])), motion.t0
+            stage.add_slider_widget(self.at, rng=span, value=start, title="time (s)", **_between(0.35, 0.95))
+            stage.add_key_event("c", self.toggle_clearance)
+            stage.add_key_event("Right", lambda: self.step(1))
+            stage.add_key_event("Left", lambda: self.step(-1))
+        stage.add_key_event("s", self.toggle_slice)
+        span, start = (picture.scene.floor.height, picture.scene.floor.height + 2.0), self.height
+        stage.add_slider_widget(self.at_height, rng=span, value=start, title="slice (m)", **_between(0.03, 0.25))
+        stage.add_text(_HELP, position=(0.005, 0.005), viewport=True, font_size=9, color=INK)
+        self.redraw()
 
     def at(self, seconds: float) -> None:
         """The time slider was moved."""
@@ -82,91 +77,19 @@ class Window:
 
     def redraw(self) -> None:
         """Draw what moves, the body and the slice as they are now."""
-        self._show()
-        self.stage.render()
-
-    def _show(self) -> None:
-        now, picture = self.picture.time(self.frame), self.picture
-        picture.room.draw_moving(self.stage, [now])
-        draw_moving_marks(self.stage, picture.marks, picture.scene.floor.height, [now])
+        now, picture, stage = self.picture.time(self.frame), self.picture, self.stage
+        stage.suppress_rendering = True
+        picture.draw_moving(stage, [now])
         if picture.motion is not None:
-            picture.draw_body(self.stage, self.frame, self.clearance)
+            picture.draw_body(stage, self.frame, self.clearance, name="body")
         if self.slice:
-            picture.draw_slice(self.stage, self.height, now)
+            picture.draw_slice(stage, self.height, now)
         else:
-            for name in ("slice", "slice surface", "distance (m)"):
-                self.stage.remove(name)
+            stage.remove_actor(["slice", "slice surface"])
+        stage.suppress_rendering = False
+        stage.render()
 
 
-class _Controls:
-    """What a hand does to a stage: turning it, sliders, keys.
-
-    Attributes:
-        keys: what is done when a key, by VTK's name for it, is pressed.
-    """
-
-    def __init__(self, stage: Stage) -> None:
-        from vtkmodules.vtkInteractionStyle import vtkInteractorStyleTrackballCamera
-        from vtkmodules.vtkRenderingCore import vtkRenderWindowInteractor
-        from vtkmodules.vtkRenderingUI import vtkGenericRenderWindowInteractor
-
-        on_screen = not stage.window.GetOffScreenRendering()
-        self.keys: dict[str, Callable[[], None]] = {}
-        self.interactor: Any = vtkRenderWindowInteractor() if on_screen else vtkGenericRenderWindowInteractor()
-        self.interactor.SetRenderWindow(stage.window)
-        style = vtkInteractorStyleTrackballCamera()
-        style.AddObserver("CharEvent", lambda *_: None)  # in place of VTK's own keys, s for surfaces among them
-        self.interactor.SetInteractorStyle(style)
-        self.interactor.AddObserver("KeyPressEvent", self._pressed)
-        self._stage, self._sliders = stage, list[Any]()  # VTK forgets widgets that nobody holds
-
-    def slider(
-        self,
-        title: str,
-        limits: tuple[float, float],
-        value: float,
-        across: tuple[float, float],
-        moved: Callable[[float], None],
-    ) -> None:
-        """A slider near the lower edge, between two shares of the width; `moved` is told its value when let go of."""
-        from vtkmodules.vtkInteractionWidgets import vtkSliderRepresentation2D, vtkSliderWidget
-
-        face, widget = vtkSliderRepresentation2D(), vtkSliderWidget()
-        face.SetMinimumValue(limits[0])
-        face.SetMaximumValue(limits[1])
-        face.SetValue(value)
-        face.SetTitleText(title)
-        for point, share in zip((face.GetPoint1Coordinate(), face.GetPoint2Coordinate()), across, strict=True):
-            point.SetCoordinateSystemToNormalizedDisplay()
-            point.SetValue(share, 0.08)
-        for look in (face.GetTitleProperty(), face.GetLabelProperty(), face.GetSliderProperty()):
-            look.SetColor(0.0, 0.0, 0.0)
-        for look in (face.GetTubeProperty(), face.GetCapProperty()):
-            look.SetColor(0.6, 0.6, 0.6)
-        for look in (face.GetTitleProperty(), face.GetLabelProperty()):
-            look.ShadowOff()
-            look.BoldOff()
-        face.SetSliderLength(0.02)
-        face.SetSliderWidth(0.02)
-        face.SetTubeWidth(0.004)
-        face.SetTitleHeight(0.02)
-        face.SetLabelHeight(0.02)
-        widget.SetInteractor(self.interactor)
-        widget.SetRepresentation(face)
-        widget.SetCurrentRenderer(self._stage.renderer)
-        widget.AddObserver("EndInteractionEvent", lambda *_: moved(face.GetValue()))
-        widget.EnabledOn()
-        self._sliders.append(widget)
-
-    def run(self) -> None:
-        """Hand over to the window until it is closed."""
-        self.interactor.Initialize()
-        self._stage.render()
-        self.interactor.Start()
-
-    def _pressed(self, *_: Any) -> None:
-        key = self.interactor.GetKeySym()
-        if key in ("q", "Escape"):
-            self.interactor.TerminateApp()
-        elif key in self.keys:
-            self.keys[key]()
+def _between(left: float, right: float) -> Look:
+    """The look of a slider near the lower edge between two shares of the width."""
+    return {"pointa": (left, 0.08), "pointb": (right, 0.08), "color": "black"}

@@ -1,6 +1,6 @@
 """Characters from glTF files: triangles bound to a skeleton.
 
-The reader knows as much of glTF 2.0 as a rig needs: nodes, skins, weights and triangles. Section numbers are those of
+The reader covers as much of glTF 2.0 as a rig needs: nodes, skins, weights and triangles. Section numbers are those of
 the Khronos glTF 2.0 specification.
 """
 
@@ -75,7 +75,7 @@ def _rig(path: Path, file: _File) -> Rig:
 
 
 def _names(given: list[str]) -> tuple[str, ...]:
-    """The same names, those used before with a number: frames and reports speak of links by name."""
+    """The same names, those used before with a number: frames and reports refer to links by name."""
     names: list[str] = []
     for name in given:
         again = 2

@@ -21,7 +21,7 @@ from scenes.body.capsules import SAMPLES, FittedCapsule, fit_capsule, inner_volu
 from scenes.body.fit import fit_body
 from scenes.body.rig import Part, Rig, used
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import write_json
 from scenes.motion.skeleton import HUMANML3D
 from scenes.sdf.field import DistanceField
 
@@ -65,7 +65,7 @@ class Proxies:
     """Capsules around all links of a character or a robot. `fit_proxies` makes them.
 
     Frames are rigid transforms from links to the world, ``[*b, L, 4, 4]``, in the order of `links`; what a robot's
-    forward kinematics gives, in any world as long as the distance field speaks of the same one.
+    forward kinematics gives, in any world as long as the distance field is in the same one.
 
     Attributes:
         name, source: of the rig.
@@ -144,8 +144,7 @@ class Proxies:
 
     def save(self, path: str | Path) -> None:
         """Write as JSON; `load` reads it back equal."""
-        with atomic_write(path, "w") as file:
-            json.dump({"format": _FORMAT, **asdict(self)}, file, indent=1, allow_nan=False)
+        write_json({"format": _FORMAT, **asdict(self)}, path, allow_nan=False)
 
     @classmethod
     def load(cls, path: str | Path) -> Proxies:

@@ -335,7 +335,7 @@ def _suffices(v, x0, y0, z0, level, tolerance, slope):
 def chosen(v, near, tolerance, slope, level):
     """For each near cell the lowest level whose interpolant errs by `tolerance` or `slope` times the distance at most.
 
-    Inside solids, where nobody goes, half of the distance is allowed: thin walls cost most otherwise. The finest level
+    Inside solids, where no body is, half of the distance is allowed: thin walls cost most otherwise. The finest level
     is right by definition. Returns how many cells have each level.
     """
     counts = np.zeros(LEVELS + 1, np.int64)

@@ -124,7 +124,7 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
         points: x, y, z of one after the other, ``[n, 3]`` in one piece; `value` ``[n]`` and `gradient` ``[n, 3]``,
             or empty, have their precision.
     """
-    points, gradient = points.reshape(-1), gradient.reshape(-1)  # only then the compiler knows how far apart they are
+    points, gradient = points.reshape(-1), gradient.reshape(-1)  # flat, so that the strides are constants
     voxel, local = np.zeros(CHUNK, np.int32), np.zeros(3 * CHUNK, points.dtype)
     scratch = np.zeros(_ROWS, points.dtype)
     scratch[0] = 1.0 / spacing
@@ -150,7 +150,7 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
 def _leave(local, spacing, beyond, s):
     """Add the way from the grid to points outside; along axes on which one was moved, only that way changes.
 
-    Without a branch, for all of a chunk: few of its points are outside, but which ones nobody can guess.
+    Without a branch, for all of a chunk: few of its points are outside, and branches on that would be mispredicted.
     """
     zero, one = s.dtype.type(0), s.dtype.type(1)
     for i in range(CHUNK):

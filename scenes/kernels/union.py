@@ -1,7 +1,7 @@
 """One grid as the minimum of several objects: what an object adds to it, and what is left where it goes.
 
 An object is measured in the frame of its own window, wherever its distances are asked for, so that the same node gets
-the same bits whichever box it is part of. Numbers of objects start at 1; 0 is nobody.
+the same bits whichever box it is part of. Numbers of objects start at 1; 0 stands for none.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def merged(own, number, values, owner):
 
 @kernel
 def released(number, values, owner):
-    """Forget an object: its nodes become infinite and nobody's."""
+    """Forget an object: its nodes become infinite and belong to none."""
     for x in range(owner.shape[0]):
         for y in range(owner.shape[1]):
             for z in range(owner.shape[2]):

@@ -157,7 +157,7 @@ _BY_OBJECT = {
     ".glb": {"merge_primitives": True},
     ".gltf": {"merge_primitives": True},
 }
-"""How trimesh is told that an object of several materials is one object."""
+"""Options of trimesh by which an object of several materials is read as one object."""
 
 
 def _stated(path: str | Path, unit: str | None, up: str | None) -> tuple[Path, str, str]:

@@ -3,78 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields
-from functools import reduce
 from typing import Any, TypeAlias
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh
 from scenes.motion.frames import about_y
+from scenes.motion.waypoints import Number, Vector, Waypoints, moment
 from scenes.numbers import finite, positive, vector
-
-Number: TypeAlias = float | int
-Vector: TypeAlias = Sequence[Number]
-"""Three numbers x, y, z; stored as a tuple of floats."""
-
-
-@dataclass(frozen=True)
-class Waypoints:
-    """Positions at times: straight lines between them, held before the first and after the last.
-
-    Attributes:
-        times: seconds on the task's clock, ``[K]``, strictly increasing.
-        positions: metres, world, ``[K, 3]``.
-    """
-
-    times: Sequence[Number]
-    positions: Sequence[Vector]
-
-    def __post_init__(self) -> None:
-        times = tuple(finite(time, f"waypoint time {i}") for i, time in enumerate(self.times))
-        positions = tuple(vector(p, f"waypoint {i}") for i, p in enumerate(self.positions))
-        if len(times) == 0 or len(times) != len(positions):
-            raise UserError(f"waypoints have {len(times)} times and {len(positions)} positions; give as many of each")
-        if any(b <= a for a, b in zip(times, times[1:], strict=False)):
-            raise UserError(f"waypoint times are {list(times)}; give seconds, each later than the one before")
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", positions)
-
-    def at(self, time: Float[Tensor, "*t"]) -> Float[Tensor, "*t 3"]:
-        """Position (m) at each time (s), differentiable in time."""
-        leg, share = self.leg(time)
-        steps = np.diff(self.positions, axis=0) if len(self.times) > 1 else np.zeros((1, 3))
-        return time.new_tensor(self.positions)[leg] + share.unsqueeze(-1) * time.new_tensor(steps)[leg]
-
-    def leg(self, time: Float[Tensor, "*t"]) -> tuple[Int[Tensor, "*t"], Float[Tensor, "*t"]]:
-        """Which of the K - 1 legs each time (s) belongs to, and the share of it that has passed, 0 to 1.
-
-        A single waypoint counts as one leg, of which nothing ever passes.
-        """
-        if len(self.times) == 1:
-            return torch.zeros_like(time, dtype=torch.long), torch.zeros_like(time)
-        times = time.new_tensor(self.times)
-        leg = (torch.bucketize(time.detach(), times) - 1).clamp(0, len(self.times) - 2)
-        return leg, ((time - times[leg]) / (times[leg + 1] - times[leg])).clamp(0.0, 1.0)
-
-    def offset(self, time: Tensor | None, like: Tensor) -> Tensor:
-        """Position at `time`, or at 0 s when no time is given, with the type and device of `like`."""
-        return self.at(clock(time, like))
-
-
-def clock(time: Tensor | None, like: Tensor) -> Tensor:
-    """A time (s) with the type and device of `like`; 0 s when none is given."""
-    return like.new_zeros(()) if time is None else torch.as_tensor(time).to(like)
-
-
-def moment(time: Number) -> Float[Tensor, ""]:
-    """One time (s) in double precision."""
-    return torch.tensor(time, dtype=torch.float64)
 
 
 def _sizes(value: Any, what: str) -> tuple[float, float, float]:
@@ -315,42 +257,3 @@ def primitive(shape: str, **parameters: Any) -> Primitive:
     if missing:
         raise UserError(f"primitive '{shape}': missing {' and '.join(missing)}; it takes {', '.join(known)}")
     return kind(**{name: kind.checked(name, value) for name, value in parameters.items()})
-
-
-def csg(op: str, *parts: Primitive | Mesh) -> Mesh:
-    """Combine solids into one closed mesh, through manifold3d.
-
-    Args:
-        op: "union", "difference" (the first minus all others) or "intersection".
-        parts: closed meshes facing outward, or primitives (their meshes at 0 s); at least one, no planes.
-
-    Raises:
-        UserError: unknown op, no parts, a part that is not a closed solid, or nothing left.
-    """
-    import manifold3d
-
-    symbols = {"union": lambda a, b: a + b, "difference": lambda a, b: a - b, "intersection": lambda a, b: a ^ b}
-    if op not in symbols:
-        raise UserError(f"unknown CSG operation '{op}'{did_you_mean(op, symbols)}")
-    if not parts:
-        raise UserError(f"CSG {op} of nothing; give at least one solid")
-    result = reduce(symbols[op], [_solid(part, index, manifold3d) for index, part in enumerate(parts)])
-    mesh = result.to_mesh64()
-    if len(mesh.tri_verts) == 0:
-        raise UserError(f"CSG {op} leaves nothing; check the places and sizes of its {len(parts)} parts")
-    return Mesh(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts), op, f"csg {op}")
-
-
-def _solid(part: Primitive | Mesh, index: int, manifold3d: Any) -> Any:
-    if isinstance(part, Plane):
-        raise UserError(f"CSG part {index} is a plane, which has no volume; use a large box")
-    mesh = part if isinstance(part, Mesh) else part.mesh()
-    from scenes.mesh.surface import clean
-
-    vertices, faces, _, _ = clean(mesh.vertices, mesh.faces)
-    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
-    if solid.status() != manifold3d.Error.NoError or solid.volume() <= 0:
-        raise UserError(
-            f"CSG part {index} ('{mesh.name}') is not a closed solid facing outward ({solid.status().name}); repair it"
-        )
-    return solid

@@ -30,7 +30,7 @@ from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
 
 FORMAT = 5
-"""Version of the bake and of its file; raised whenever either changes, so that old caches are not trusted."""
+"""Version of the bake and of its file; raised whenever either changes, so that old caches are not read."""
 
 
 Grid = TypeVar("Grid", SdfGrid, SdfBlocks)

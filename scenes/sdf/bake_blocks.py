@@ -14,8 +14,7 @@ from functools import partial
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.kernels import blocks as kernels
-from scenes.kernels import parts, rays, regions, spans
+from scenes.kernels import blocks as kernels, parts, rays, regions, spans
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
@@ -162,7 +161,7 @@ class _Builder:
         return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.rule.beyond)
 
     def _put_together(self, found: list[_Found], level: int, count: int) -> np.ndarray:
-        """The blocks of one level; columns let go of theirs on the way."""
+        """The blocks of one level; columns free theirs on the way."""
         nodes = (2 << level) + 1
         values, at = np.empty((count, nodes, nodes, nodes), dtype=np.int16), 0
         for column in found:

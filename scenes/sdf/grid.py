@@ -72,8 +72,8 @@ class Interpolated(ABC):
 class SdfGrid(Interpolated):
     """Signed distances at the nodes of a cubic grid.
 
-    Node ``[i, j, k]`` lies exactly at ``origin + spacing * (i, j, k)``: nodes, not cell centres, and nothing about
-    the mesh's bounds has to be assumed by whoever reads the array.
+    Node ``[i, j, k]`` lies exactly at ``origin + spacing * (i, j, k)``: nodes, not cell centres, so that the
+    array can be read without the mesh's bounds.
 
     Attributes:
         values: signed distance at the nodes, metres, positive in free space, ``[X, Y, Z]`` float32; never to be
@@ -163,7 +163,7 @@ class SdfGrid(Interpolated):
         """Range of the gradient of `distance` in blocks of `SIDE` voxels and their neighbours, ``[bx, by, bz, 6]``.
 
         Least along x, y, z, then greatest: in a voxel a partial derivative is a mean of differences along 4 edges.
-        Blocks at the border speak of all that is outside before them, too, where the distance to the grid changes by up
+        Blocks at the border cover all that is outside before them, too, where the distance to the grid changes by up
         to 1 m/m along each axis.
         """
         from scipy.ndimage import maximum_filter, minimum_filter
@@ -247,7 +247,7 @@ class Interpolant(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
         (points,) = ctx.saved_tensors
-        if not torch.is_grad_enabled():  # nobody can ask for a second derivative
+        if not torch.is_grad_enabled():  # no second derivative can follow
             return _scaled(points, ctx.gradient, grad_output), None
         return _Scaled.apply(_Once.apply(points), ctx.gradient, grad_output), None  # type: ignore[no-untyped-call]
 
@@ -272,7 +272,7 @@ class _Scaled(torch.autograd.Function):
 
 
 class _Once(torch.autograd.Function):
-    """Points as they are, with a refusal for whoever differentiates a gradient in them."""
+    """Points as they are; differentiating a gradient in them raises RuntimeError."""
 
     @staticmethod
     def forward(ctx: Any, points: Tensor) -> Tensor:

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.kernels import parts, rays
-from scenes.kernels import regions as grow
+from scenes.kernels import parts, rays, regions as grow
 from scenes.mesh.surface import Surface
 from scenes.sdf.distances import Soup
 from scenes.sdf.free_space import Rule

@@ -4,8 +4,8 @@ The field is the minimum of the objects' own: each is baked with signs by its ow
 and measures beyond its window to the triangle of its nearest seed, as `scenes.sdf.distances` does beyond the band. So
 every node is exact within `BAND` voxels of the nearest object, and too far by at most `FAR_ERROR` voxels elsewhere.
 
-A node's distance to an object depends on the object and the node alone, to the bit, and the minimum on no order. What
-was edited, how often and in which order can therefore not be told from the grid.
+A node's distance to an object depends on the object and the node alone, to the bit, and the minimum on no order. The
+grid is therefore the same whatever was edited before, how often and in which order.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ class Assembly:
         return np.zeros(3, dtype=int), np.array(self.lattice.shape)
 
     def _keep_handed_out(self) -> None:
-        """Leave values that somebody holds to them."""
+        """Copy values that are handed out."""
         if self._handed_out:
             self._values = self._values.copy()
             self._handed_out = False

@@ -1,8 +1,8 @@
 """Where bodies meet surfaces: nearest points, rays, and how much room capsules have at a moment or on their way.
 
-Everything is asked of a distance field, and rests on one number: how fast the field can change. A field that states
-`lipschitz` is taken at its word, one that holds `fields` changes as fast as they do, and any other is taken to be a
-distance, which changes by 1 m/m.
+All of it is computed from a distance field and one number: how fast the field can change. A field may state it as
+`lipschitz`; one that holds `fields` changes as fast as they do; any other is taken to be a distance, which changes by
+1 m/m.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def march(
     """Distance along rays (m) to the first surface, infinite where there is none up to `farthest`.
 
     Sphere tracing (J. C. Hart, Sphere tracing, The Visual Computer 12, 1996): each step is the field's value over its
-    `lipschitz`, so that no wall is stepped through, however thin, as long as the field knows of it. Not differentiable.
+    `lipschitz`, so that no wall is stepped through, however thin, as long as it is in the field. Not differentiable.
 
     Args:
         field: signed distance, m.

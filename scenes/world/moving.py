@@ -20,9 +20,10 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.mesh.mesh import Mesh, hull
-from scenes.mesh.primitives import Number, Plane, Primitive, Vector, Waypoints, clock, moment
+from scenes.mesh.primitives import Plane, Primitive
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import rotations
+from scenes.motion.waypoints import Number, Vector, Waypoints, clock, moment
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.field import DistanceField
 from scenes.sdf.free_space import Rule, decide, signed_distance

@@ -32,7 +32,7 @@ def tiny() -> ModuleType:
 @pytest.fixture
 def tiny_generator(monkeypatch: pytest.MonkeyPatch) -> None:
     """`load_generator` gives a tiny one for any weights."""
-    for room in ("scenectl.generators", "scenectl.pipeline.run"):
+    for room in ("scenectl.pipeline.run", "scenectl.generators"):  # the first imports the second's real one
         monkeypatch.setattr(f"{room}.load_generator", lambda *args, **kwargs: _tiny.TinyGenerator())
 
 

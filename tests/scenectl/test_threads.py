@@ -6,11 +6,15 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextvars import copy_context
+from types import ModuleType
+from typing import Any
 
 import pytest
 import torch
 
-from scenectl.threads import threads
+import scenectl as sc
+from scenectl.threads import threads, use
 
 
 @pytest.fixture(autouse=True)
@@ -47,6 +51,19 @@ def test_a_failure_puts_them_back() -> None:
         assert number == 1
 
 
+@pytest.mark.parametrize(("asked", "found"), [(None, 1), (2, 2)])
+def test_a_run_generates_on_one_thread_or_those_of_its_task(tiny: ModuleType, asked: int | None, found: int) -> None:
+    seen = []
+
+    class Watched(tiny.TinyGenerator):  # type: ignore[misc, name-defined]
+        def generate(self, *words: Any, **settings: Any) -> Any:
+            seen.append(torch.get_num_threads())
+            return super().generate(*words, **settings)
+
+    sc.run(sc.Task(prompt="a person walks", seconds=3.0, generator={"threads": asked}), generator=Watched())
+    assert seen == [found] and torch.get_num_threads() == 4
+
+
 @pytest.mark.parametrize("first", ["import torch, scenectl", "import scenectl, torch"])
 def test_importing_scenectl_leaves_threads_and_environment_alone(first: str) -> None:
     code = f"""import os
@@ -70,3 +87,18 @@ main()"""
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**plain, **given}
     )
     assert done.stdout.split()[-2:] == [found, "False"]
+
+
+def test_what_a_user_sets_once_holds_where_nothing_is_asked_for() -> None:
+    def seen() -> tuple[int, int, int]:
+        use(3)
+        with threads() as inner, threads(2) as other:
+            pass
+        return inner, other, torch.get_num_threads()
+
+    assert copy_context().run(seen) == (3, 2, 3)  # in a context of its own, so that other tests see none of it
+
+
+def test_a_decorated_function_runs_on_one_thread_at_every_call() -> None:
+    count = threads()(torch.get_num_threads)
+    assert [count(), count()] == [1, 1] and torch.get_num_threads() == 4

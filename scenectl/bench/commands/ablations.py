@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from scenectl.console.console import out, say
-from scenectl.console.options import DATA, Data, Threads, Weights
+from scenectl.console.options import DATA, Data, Generator, Threads, Weights
 from scenes.errors import UserError, did_you_mean
 
 
@@ -20,6 +20,7 @@ def ablations(
     clips: Annotated[int, typer.Option(min=1, help="Test clips where joints are controlled.")] = 12,
     config: Annotated[str, typer.Option(help="The recipe whose variants are trained.")] = "compact",
     weights: Weights = "default",
+    generator: Generator = "mscot",
     threads: Threads = None,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda, for training.")] = "auto",
 ) -> None:
@@ -29,6 +30,6 @@ def ablations(
     for name in only or ():
         if name not in ABLATIONS:
             raise UserError(f"unknown ablation '{name}'{did_you_mean(name, ABLATIONS)}")
-    setting = Bench(data, output, config, weights, iterations, clips, device, threads)
+    setting = Bench(data, output, config, weights, iterations, clips, device, threads, generator)
     for path in bench_ablations(setting, only or tuple(ABLATIONS), say):
         out.print(f"wrote {path}")

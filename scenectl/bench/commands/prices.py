@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.bench.commands.shared import measured
-from scenectl.console.console import show
+from scenectl.bench.commands.shared import measured, shown
 from scenectl.console.options import Generators, Json, Seed, Threads, Weights
 
 
@@ -24,6 +23,7 @@ def prices(
     from scenectl.bench.control.prices import bench_prices
 
     result = measured(
-        lambda maker, tell: bench_prices(maker, repeats, samples, seed, tell), weights, threads, generator
-    )
-    show(result, json_file)
+        lambda maker, engine: bench_prices(maker, repeats, samples, seed, engine),
+        weights, threads, generator, json_file,
+    )  # fmt: skip
+    shown(result, json_file)

@@ -27,8 +27,7 @@ def progmogen(
     shard: Shard = None,
 ) -> None:
     """ProgMoGen's HSI-1, HSI-2 and HSI-3, beside the same prompts without control."""
-    from scenectl.bench.control.progmogen import COLUMNS, TASKS, bench_progmogen
-    from scenectl.bench.control.progmogen import table as lines_of
+    from scenectl.bench.control.progmogen import COLUMNS, TASKS, bench_progmogen, table as lines_of
 
     chosen = task or list(TASKS)
     for name in chosen:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.console.console import bars, show
+from scenectl.bench.commands.shared import alone, shown, wrote
 from scenectl.console.options import Json, Seed
 
 
@@ -24,9 +24,11 @@ def query(
     """Value and gradient at many points, one thread, beside torch's grid_sample and others."""
     from scenectl.bench.scenes.query import COUNTS, bench_query, plot
 
-    with bars() as tell:
-        patterns = tuple(pattern or ("body",))
-        result = bench_query(scene, resolution, repeats, seed, COUNTS, patterns, processes, tell)
-        if plot_file is not None:
-            plot(result, plot_file)
-    show(result, json_file)
+    patterns = tuple(pattern or ("body",))
+    result = alone(
+        lambda engine: bench_query(scene, resolution, repeats, seed, COUNTS, patterns, processes, engine), json_file
+    )
+    shown(result, json_file)
+    if plot_file is not None:
+        plot(result, plot_file)
+        wrote(plot_file)

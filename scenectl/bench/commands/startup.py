@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.console.console import bars, show
+from scenectl.bench.commands.shared import alone, shown
 from scenectl.console.options import Json
 
 TASKS = Path("examples/tasks")
@@ -22,6 +22,4 @@ def startup(
     """Fresh processes of help, completion, check and run, beside `import torch`."""
     from scenectl.bench.studies.startup import bench_startup
 
-    with bars() as tell:
-        result = bench_startup(check, run, repeats, tell)
-    show(result, json_file)
+    shown(alone(lambda engine: bench_startup(check, run, repeats, engine), json_file), json_file)

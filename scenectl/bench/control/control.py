@@ -23,7 +23,6 @@ from scenectl.bench.control.keyframes import (
 )
 from scenectl.bench.control.rivals import METHODS, Case, Way, possible, remembering, ways
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
-from scenectl.control.refine.body_costs import bone_errors
 from scenectl.data.corpus import Clip
 from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
@@ -31,6 +30,7 @@ from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.mesh.primitives import Cylinder
+from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 from scenes.world.scene import Scene
@@ -62,8 +62,8 @@ def bench_control(
         generator: whose tokens and decoder all methods share.
         data: folder of the motion collection.
         clips: test clips for each joint and density.
-        methods: those of `METHODS` that shall run; by default all that the generator can.
-        joints, densities: those of `JOINTS` and `DENSITIES` that shall run.
+        methods: of `METHODS`; by default all that run with the generator.
+        joints, densities: of `JOINTS` and `DENSITIES`.
         scenes: "empty", or "pillars" that stand close to the recording's way, which touches none; there a body has to
             keep out of them besides.
         shortest: frames that a clip has at least; with 196, all are as long as a motion can be.

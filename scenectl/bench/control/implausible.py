@@ -18,13 +18,14 @@ from objectives import Objective, Term, diagnosis
 from scenectl.bench.control.keyframes import ON_FLOOR, longest, usable_clips
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
-from scenectl.control.refine.body_costs import BodyCosts, bone_errors
+from scenectl.control.refine.body_costs import BodyCosts
 from scenectl.control.thresholds import THRESHOLDS
 from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import max_acceleration
 from scenectl.pipeline.generation import make
+from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion, Pose2D
 
 KINDS = ("too high", "under the floor", "too far", "torn apart", "noisy")

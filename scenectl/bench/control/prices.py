@@ -5,17 +5,17 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import FreeStart, ObjectiveGuide
 from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.start import MovedStep
-from scenectl.generators.base import Generator, Guide, Progress, Step, silent
+from scenectl.generators.base import Generator, Guide, Step
 from scenectl.generators.steps import DecodedStep
 from scenes.body.body import DEFAULT_BODY
 from scenes.motion.motion import Pose2D
@@ -41,8 +41,8 @@ def bench_prices(
     repeats: int = 9,
     samples: int = 1,
     seed: int = 0,
-    progress: Progress = silent,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Time a pass and products of every kind of step that a generator leads to.
 
     Args:
@@ -51,19 +51,21 @@ def bench_prices(
         repeats: of each product, in turn; medians count.
         samples: motions at once.
         seed: of the motion.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary", "rows"}``: a row for each kind of step with the milliseconds of a pass, and in passes one `jvp`,
-        one `vjp`, and one row of `vjps` at each number of `ROWS`, all at a value that is decoded already. `Price.product`
-        is the mean of the first two, `Price.row` the last of `ROWS`.
+        one `vjp`, and one row of `vjps` at each number of `ROWS`, all at a value decoded already. `Price.product` is
+        about the mean of the first two, `Price.row` the last.
     """
-    steps = list(_steps(generator, samples, seed))
-    rows = []
-    for number, (kind, step) in enumerate(steps):
-        progress(f"prices: {kind}", number / len(steps))
-        rows.append({"step": kind, "states": f"{step.price.product:g}, {step.price.row:g}", **_priced(step, repeats)})
-    return {"summary": {"repeats": repeats, "samples": samples, "threads": torch.get_num_threads()}, "rows": rows}
+    settings = {"repeats": repeats, "samples": samples, "threads": torch.get_num_threads()}
+
+    def row(case: tuple[str, Step]) -> list[Row]:
+        kind, step = case
+        return [{"step": kind, "states": f"{step.price.product:g}, {step.price.row:g}", **_priced(step, repeats)}]
+
+    cases = [(f"prices: {kind}", (kind, step)) for kind, step in _steps(generator, samples, seed)]
+    return engine.run(cases, row, lambda rows: settings, {"bench": "prices", "seed": seed, **settings})
 
 
 def _steps(generator: Generator, samples: int, seed: int) -> Iterator[tuple[str, Step]]:
@@ -77,10 +79,8 @@ def _steps(generator: Generator, samples: int, seed: int) -> Iterator[tuple[str,
         step = draft.step
         yield "refined", step
         yield "refined, by autograd", DecodedStep(step.value, step.decode)
-        yield (
-            "refined, with its start",
-            MovedStep.of(step, FreeStart((0.0, 0.0, 0.0)), step.value.new_zeros(samples, 3)),
-        )
+        still = step.value.new_zeros(samples, 3)
+        yield "refined, with its start", MovedStep.of(step, FreeStart((0.0, 0.0, 0.0)), still)
     yield "smooth", SmoothStep.of(draft.motion)
 
 

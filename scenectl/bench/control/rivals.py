@@ -65,18 +65,11 @@ class Case:
 
 
 class Remembered:
-    """A text encoder that encodes nothing twice: its time is no method's."""
+    """A text encoder that encodes nothing twice: the time that it takes counts for no method."""
 
     def __init__(self, encoder: TextEncoder) -> None:
         self.encoder, self.known = encoder, dict[tuple[str, ...], TextFeatures]()
-
-    @property
-    def name(self) -> str:
-        return self.encoder.name
-
-    @property
-    def dim(self) -> int:
-        return self.encoder.dim
+        self.name, self.dim = encoder.name, encoder.dim
 
     def encode(self, prompts: list[str]) -> TextFeatures:
         if tuple(prompts) not in self.known:
@@ -85,7 +78,7 @@ class Remembered:
 
 
 def remembering(generator: Generator) -> Generator:
-    """The same generator with a text encoder that encodes nothing twice, where that can be told from outside."""
+    """The same generator with a text encoder that encodes nothing twice; other families are returned as they are."""
     if not isinstance(generator, MSCoT):
         return generator
     bundle = replace(generator.bundle, text=Remembered(generator.bundle.text))
@@ -173,10 +166,10 @@ def _controlmm(step: Step, case: Case) -> tuple[Motion, int]:
 
 
 def ways(generator: Generator, cases: Sequence[Case], methods: Sequence[str], progress: Progress) -> dict[str, Way]:
-    """The ways of some `METHODS`, all with the steps and the decoder of one generator.
+    """The ways of some `METHODS`, all with one generator.
 
     Args:
-        generator: theirs; texts are encoded once where it is `remembering`.
+        generator: whose steps and decoder all of them use; its texts are encoded once where it is `remembering`.
         cases: on the first of which `paper-best-step` finds its step.
         methods: names.
         progress: called with what is being done before that.

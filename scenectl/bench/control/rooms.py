@@ -14,7 +14,6 @@ import torch
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
-from scenectl.control.refine.body_costs import stretches
 from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
@@ -23,6 +22,7 @@ from scenectl.tasks.schema import Start, Walk
 from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
+from scenes.motion.bones import stretches
 from scenes.motion.motion import Motion
 from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import path_length
@@ -40,7 +40,7 @@ LOW = {"corridor": (1.4, "a person walks forward and ducks")}
 """Scenes in which one ducks: the height (m) that is free along the path, and the prompt."""
 UPRIGHT = 1.8
 CLOSE, SHALLOW, QUICK = 0.05, 0.01, 1.0
-"""What a task shall keep to: metres from the target, metres deep in anything at worst, seconds to make it."""
+"""Stricter bounds, each with a rate of its own: metres from the target, metres deep at worst, seconds to make it."""
 TRIES = 200
 """Draws a task after which a room counts as too small to walk in."""
 
@@ -48,7 +48,7 @@ GOALS: tuple[dict[str, Any], ...] = (
     {"use": "sdf_penetration", "margin": 0.03, "kernel": "squared", "reduction": "sum", "weight": 300.0},
     {"use": "foot_contact", "kernel": "squared", "reduction": "sum", "weight": 100.0},
 )
-"""What a walk shall respect besides its path: a body's distance from the scene, and feet on the ground."""
+"""Goals of a walk besides its path: a body's distance from the scene, and feet on the ground."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def bench_rooms(
         meshes: scans or models in metres, y up; the bundled scenes `FALLBACK` where none is given.
         tasks: walks in each room.
         seed: of starts, targets and motions.
-        samples: motions made for each task, of which the best by the objective is scored; refinement ends by default as
+        samples: motions made for each task, of which the first-ranked is scored; refinement ends by default as
             soon as one of them meets all goals.
         radius: clearance (m) of starts, targets and paths.
         solver: instead of the default.
@@ -190,7 +190,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
-        "uncontrolled_pace_m_per_s": float(metrics.path_length(free)) * free.fps / (free.frames - 1),
+        "uncontrolled_pace_m_per_s": float(metrics.travelled(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
     }
 

@@ -21,9 +21,6 @@ _FIGURES = {
 
 def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | None = None) -> str:
     """Markdown of a result of `bench_generator`; `picture` is its confusion matrix, beside the page."""
-    rows, summary, kinds = result["rows"], result["summary"], result["kinds"]
-    real, generated = rows[0], rows[-1]
-    ratio = summary["label_recall"] / summary["label_recall_real"]
     return "\n".join([
         f"# What the {weights} weights make, measured",
         "",
@@ -33,37 +30,69 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         "scenectl bench generator --data MOTIONS --json FILE --plot confusion.png --page evaluation.md",
         "```",
         "",
+        *_sets(result),
+        *_plausibility(result["rows"]),
+        *_kinds(result, picture),
+        *(_tokens(result["summary"]) if "posterior" in result else []),
+    ])  # fmt: skip
+
+
+def _sets(result: Mapping[str, Any]) -> list[str]:
+    tokens = (
+        " *Reconstruction* is the test clip after a round trip through tokens, which is the best that these tokens "
+        "could do; *random tokens* is what a generator makes that has learnt nothing."
+    )
+    return [
         f"on the {result['clips']} captioned test clips of 36 frames or more, a motion each of the clip's length. The"
         f" evaluator is **{result['evaluator']}**, whose figures mean something beside one another, and nothing "
-        "beside published ones. *Reconstruction* is the test clip after a round trip through tokens, which is the best "
-        "that these tokens could do; *random tokens* is what a generator makes that has learnt nothing.",
+        f"beside published ones.{tokens if len(result['rows']) > 2 else ''}",
         "",
         *_table(
             ["set", "FID", "R@1", "R@2", "R@3", "distance to text", "diversity", "multimodality", "recall of kinds"],
-            [_metrics(row) for row in rows],
+            [_metrics(row) for row in result["rows"]],
         ),
         "",
         "R-precision in batches of 32. Means and 95 % intervals, FID of resampled sets:",
         "",
-        *_table(["set", "FID", "R@3", "diversity"], [_intervals(row) for row in rows]),
+        *_table(["set", "FID", "R@3", "diversity"], [_intervals(row) for row in result["rows"]]),
         "",
+    ]
+
+
+def _plausibility(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    real, made = rows[0], rows[-1]
+    times = {key: made[key] / real[key] for key in ("skating_ratio", "max_acceleration_m_per_frame2")}
+    return [
         "## Plausibility",
         "",
         *_table(["set", *(heading for heading, _, _ in _FIGURES.values())], [_plausible(row) for row in rows]),
         "",
-        f"Against real motions: skating {generated['skating_ratio'] / real['skating_ratio']:.2f} times, maximum "
-        "acceleration "
-        f"{generated['max_acceleration_m_per_frame2'] / real['max_acceleration_m_per_frame2']:.2f} times.",
+        f"Against real motions: skating {times['skating_ratio']:.2f} times, maximum acceleration "
+        f"{times['max_acceleration_m_per_frame2']:.2f} times.",
         "",
+    ]
+
+
+def _kinds(result: Mapping[str, Any], picture: Path | None) -> list[str]:
+    rows, summary = {row["set"]: row for row in result["rows"]}, result["summary"]
+    ratio = summary["label_recall"] / summary["label_recall_real"]
+    rebuilt = f", {rows['reconstruction']['label_recall']:.3f} on reconstructions" if "reconstruction" in rows else ""
+    names = [name for name in ("real", "reconstruction", "generated") if name in rows]
+    return [
         "## Kinds of motion",
         "",
         f"A classifier trained on real motions and then frozen: macro recall {summary['label_recall_real']:.3f} on "
-        f"real test motions, {summary['label_recall']:.3f} on generated ones ({ratio:.0%}), "
-        f"{rows[1]['label_recall']:.3f} on reconstructions. Worst kind: {summary['worst_kind']}.",
+        f"real test motions, {summary['label_recall']:.3f} on generated ones ({ratio:.0%}){rebuilt}. "
+        f"Worst kind: {summary['worst_kind']}.",
         "",
-        *_table(["kind", "clips", "real", "reconstruction", "generated"], _recalls(kinds)),
+        *_table(["kind", "clips", *names], _recalls(result["kinds"], names)),
         "",
         *([f"![confusion of kinds]({picture.name})", ""] if picture is not None else []),
+    ]
+
+
+def _tokens(summary: Mapping[str, Any]) -> list[str]:
+    return [
         "## Reconstruction and tokens",
         "",
         f"- Test split, 64 frames, global joints: {_mm(summary['reconstruction_error_m'])} on Bandai, "
@@ -73,7 +102,7 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         "- First-order against exact token posterior, five pelvis keyframes, clipped alike: KL "
         f"{summary['posterior_kl']:.3f} nats a position.",
         "",
-    ])  # fmt: skip
+    ]
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -101,12 +130,11 @@ def _plausible(row: Mapping[str, Any]) -> list[str]:
     return [row["set"], *(f"{factor * row[key]:.{places}f}" for key, (_, factor, places) in _FIGURES.items())]
 
 
-def _recalls(kinds: Mapping[str, Any]) -> list[list[str]]:
+def _recalls(kinds: Mapping[str, Any], names: Sequence[str]) -> list[list[str]]:
     """A row for each kind with enough test clips."""
     real = kinds["real"]
     clips = dict(zip(real["kinds"], map(sum, real["confusion"]), strict=True))
     return [
-        [kind, str(clips[kind]), *(f"{kinds[name]['recall'].get(kind, 0.0):.2f}" for name in
-                                   ("real", "reconstruction", "generated"))]
+        [kind, str(clips[kind]), *(f"{kinds[name]['recall'].get(kind, 0.0):.2f}" for name in names)]
         for kind in sorted(real["recall"])
-    ]  # fmt: skip
+    ]

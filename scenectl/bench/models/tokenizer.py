@@ -8,9 +8,8 @@ from typing import Any
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.data.sources import load_clips
+from scenectl.evaluation.sets import Tokenised
 from scenectl.generators.base import Generator
-from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.measures import round_trip
 from scenectl.training.errors import error_by_source
 from scenes.errors import UserError
 from scenes.sdf.bake import default_cache
@@ -23,13 +22,12 @@ def bench_tokenizer(
 
     Raises UserError for a generator that has no tokenizer.
     """
-    if not isinstance(generator, MSCoT):
+    if not isinstance(generator, Tokenised):
         raise UserError(f"generator '{generator.name}' has no tokenizer to measure")
-    tokenizer = generator.bundle.tokenizer
     test = load_clips(Path(data), ["test"], None, default_cache() / "windows", 0)
 
     def reconstructed(length: int) -> list[Row]:
-        found = error_by_source(round_trip(tokenizer), test, length)
+        found = error_by_source(generator.round_trip, test, length)
         return [{"frames": length, "set": name, **figures} for name, figures in found.items()]
 
     cases = [(f"{length} frames", length) for length in frames]

@@ -102,7 +102,7 @@ def _installed(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
 def _at_hand(names: Sequence[str], asked: bool, skipped: dict[str, str]) -> Iterator[tuple[str, tuple[float, Mesh]]]:
     """The meshes by name, each with the fraction of those before it.
 
-    Where nobody `asked` for them, why some cannot be had goes into `skipped`.
+    A mesh that cannot be had is an error where it was `asked` for; else the reason goes into `skipped`.
     """
     for number, name in enumerate(names):
         try:

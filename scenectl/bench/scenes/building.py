@@ -16,6 +16,7 @@ import torch
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.generators.base import Progress
+from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.mesh.mesh import Mesh, joined
 from scenes.mesh.surface import Surface
@@ -228,15 +229,12 @@ def _speed(field: SdfBlocks, mesh: Mesh, seed: int) -> dict[str, float]:
     low, high = mesh.bounds
     walk = np.random.default_rng(seed).uniform(low, low + np.minimum(high - low, 4.0), (_POINTS, 3))
     points = torch.from_numpy(walk).float().requires_grad_()
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
     times: dict[str, list[float]] = {"blocks": [], "dense": []}
-    for _ in range(25):
-        for name, grid in (("blocks", field), ("dense", dense)):
+    with threads(1):
+        for name, grid in 25 * (("blocks", field), ("dense", dense)):
             begin = time.perf_counter()
             torch.autograd.grad(grid.distance(points).sum(), points)
             times[name].append(1000 * (time.perf_counter() - begin))
-    torch.set_num_threads(threads)
     return {f"query_{name}_ms": median(taken) for name, taken in times.items()}
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh, load_mesh
-from scenes.mesh.primitives import Box, Capsule, Cylinder, Primitive, Sphere, csg
+from scenes.mesh.primitives import Box, Capsule, Cylinder, Primitive, Sphere
 from scenes.world.scene import bundled, bundled_names
 
 SCANS = Path("../shared/data/meshes")

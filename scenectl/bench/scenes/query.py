@@ -1,4 +1,4 @@
-"""Value and gradient of a distance grid at many points: seconds of one thread, beside other libraries."""
+"""Value and gradient of a distance grid at many points: processor seconds of one thread, beside other libraries."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from scenectl.generators.base import Progress
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.threads import threads
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
@@ -35,6 +36,9 @@ COUNTS = (FRAMES * SAMPLES, 32 * FRAMES * SAMPLES)
 PATTERNS = ("body", "uniform")
 """Points on people who walk, as goals ask for them; or anywhere in the grid, which is all waiting for memory."""
 
+COMPARED = ("scenectl", "grid_sample")
+"""The methods whose ratio is the speedup."""
+
 Method = Callable[[], Any]
 
 
@@ -46,15 +50,17 @@ def bench_query(
     counts: tuple[int, ...] = COUNTS,
     patterns: tuple[str, ...] = ("body",),
     processes: int = 1,
-    progress: Progress | None = None,
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Every method on the same grid of ``resolution ** 3`` nodes and the same float32 points, one thread.
 
-    Methods take turns, and the median counts. All but `open3d` give value and gradient. `grid_sample` is torch's,
+    Methods take turns, and the median counts, in seconds that the process spent on a processor: what waiting for one
+    takes says nothing about a method. All but `open3d` give value and gradient. `grid_sample` is torch's,
     with the points' change of units (a user's points are metres) and its backward; `torch` is our formula in torch.
     `open3d` runs where it can be imported, and gives exact distances to the triangles instead, and no gradient.
 
-    With several `processes` each measures by itself, one after the other, in a fresh interpreter.
+    With several `processes` each measures by itself, one after the other, in a fresh interpreter, and only the two
+    methods whose ratio is wanted.
 
     Returns:
         `rows` of process, points, pattern, method, seconds, and `summary`: the machine, and for each count the smallest
@@ -66,20 +72,31 @@ def bench_query(
     if repeats < 1 or min(counts) < 1 or processes < 1:
         raise UserError(f"{repeats} repeats of {counts} points in {processes} processes; give 1 or more")
     bundled(scene)  # raises UserError for an unknown name
-    tell, rows = progress or (lambda what, done: None), []
     asked = (scene, resolution, repeats, seed, counts, patterns)
-    for process in range(processes):
-        tell(f"process {process + 1}", process / processes)
+
+    def measured(process: int) -> list[Row]:
         found = _measured(*asked) if processes == 1 else _measured_elsewhere(asked)
-        rows += [{"process": process + 1, **row} for row in found]
-    summary: dict[str, Any] = {"scene": scene, "resolution": resolution, "repeats": repeats, **machine()}
-    summary |= {"processes": processes, "threads": 1}
+        return [{"process": process, **row} for row in found]
+
+    def summary(rows: Sequence[Row]) -> dict[str, Any]:
+        about = {"scene": scene, "resolution": resolution, "repeats": repeats, **machine()}
+        return {**about, "processes": processes, "threads": 1, **_speedups(rows, counts, patterns, processes)}
+
+    cases = [(f"process {process}", process) for process in range(1, processes + 1)]
+    return engine.run(cases, measured, summary, {"bench": "query", "asked": asked, "processes": processes})
+
+
+def _speedups(
+    rows: Sequence[Row], counts: Sequence[int], patterns: Sequence[str], processes: int
+) -> dict[str, float | str]:
+    """For each count how many times faster than `grid_sample`: the least of patterns and processes, and of each."""
+    found: dict[str, float | str] = {}
     for count in counts:
         ratios = [min(_ratio(rows, count, p, 1 + process) for p in patterns) for process in range(processes)]
         if processes > 1:
-            summary[f"speedup_{count}_each"] = ", ".join(f"{ratio:.2f}" for ratio in ratios)
-        summary[f"speedup_{count}"] = min(ratios)
-    return {"summary": summary, "rows": rows}
+            found[f"speedup_{count}_each"] = ", ".join(f"{ratio:.2f}" for ratio in ratios)
+        found[f"speedup_{count}"] = min(ratios)
+    return found
 
 
 def machine() -> dict[str, Any]:
@@ -98,43 +115,48 @@ def _lines(path: Path) -> list[str]:
 
 
 def _measured(
-    scene: str, resolution: int, repeats: int, seed: int, counts: Sequence[int], patterns: Sequence[str]
+    scene: str,
+    resolution: int,
+    repeats: int,
+    seed: int,
+    counts: Sequence[int],
+    patterns: Sequence[str],
+    names: Sequence[str] | None = None,
 ) -> list[dict[str, Any]]:
-    """Rows of points, pattern, method, seconds, measured in this process."""
+    """Rows of points, pattern, method, seconds, measured in this process: of all methods, or of those named."""
     mesh = bundled(scene).meshes[0]
     grid = bake(mesh, lattice=Lattice.cube(mesh.bounds, resolution, padding=0.1)).grid
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        rows = []
+    rows = []
+    with threads(1):
         for count, pattern in ((c, p) for c in counts for p in patterns):
             points = make_points(grid, count, pattern, seed)
-            seconds = _medians(methods(grid, mesh, points), repeats, calls=max(1, 200_000 // count))
+            found = methods(grid, mesh, points, names)
+            seconds = _medians(found, repeats, calls=max(1, 200_000 // count))
             rows += [
                 {"points": count, "pattern": pattern, "method": method, "seconds": value}
                 for method, value in seconds.items()
             ]
-    finally:
-        torch.set_num_threads(threads)
     return rows
 
 
 def _measured_elsewhere(asked: tuple[Any, ...]) -> Any:
-    """The same from a process of its own."""
-    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps(asked)]
+    """The same from a process of its own, for `COMPARED` alone."""
+    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps((*asked, COMPARED))]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     if done.returncode:
         raise UserError(f"a process could not measure: {(done.stderr.strip().splitlines() or ['killed'])[-1]}")
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def methods(grid: SdfGrid, mesh: Mesh, points: Tensor) -> dict[str, Method]:
+def methods(grid: SdfGrid, mesh: Mesh, points: Tensor, names: Sequence[str] | None = None) -> dict[str, Method]:
     """What can run here, by name; each call evaluates `points` ``[n, 3]`` (m) afresh and returns value and gradient."""
     found: dict[str, Method] = {
         "scenectl": lambda: _with_gradient(grid.distance, points),
         "grid_sample": lambda: _with_gradient(_grid_sample(grid), points),
         "torch": lambda: interpolate(points, grid.values, grid, with_gradient=True),
     }
+    if names is not None:
+        return {name: found[name] for name in names}
     if open3d := _imported("open3d"):
         found["open3d"] = _open3d(open3d, mesh, points)
     return found
@@ -204,7 +226,7 @@ def _open3d(open3d: Any, mesh: Mesh, points: Tensor) -> Method:
 
 
 def _medians(found: dict[str, Method], repeats: int, calls: int) -> dict[str, float]:
-    """Median seconds of a call of each method; they take turns of several calls.
+    """Median processor seconds of a call of each method; they take turns of several calls.
 
     Each turn begins with a call that does not count: a solver calls again and again, and finds its own data in the
     caches rather than another library's.
@@ -213,14 +235,14 @@ def _medians(found: dict[str, Method], repeats: int, calls: int) -> dict[str, fl
     for _ in range(repeats):
         for name, run in found.items():
             run()
-            began = time.perf_counter()
+            began = time.process_time()
             for _ in range(calls):
                 run()
-            times[name].append((time.perf_counter() - began) / calls)
+            times[name].append((time.process_time() - began) / calls)
     return {name: float(np.median(values)) for name, values in times.items()}
 
 
-def _ratio(rows: list[dict[str, Any]], count: int, pattern: str, process: int) -> float:
+def _ratio(rows: Sequence[Row], count: int, pattern: str, process: int) -> float:
     case = (process, count, pattern)
     seconds = {r["method"]: r["seconds"] for r in rows if (r["process"], r["points"], r["pattern"]) == case}
     return float(seconds["grid_sample"] / seconds["scenectl"])

@@ -32,13 +32,15 @@ from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.refiner import train_refiner
+from scenectl.generators.mscot.training.reconstruction import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
+from scenectl.threads import use
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Variant, load_recipe
 from scenectl.training.stages import Job, Run
 from scenectl.training.sweep import Measure, shortened, sweep, write_table
+from scenes.errors import UserError
 
 C = TypeVar("C")
 
@@ -81,6 +83,7 @@ class Bench:
         clips: test clips wherever joints are controlled.
         device: "auto", "cpu" or "cuda", for training.
         threads: CPU threads; torch's choice by default.
+        family: of the generator that is taken apart.
     """
 
     data: Path
@@ -91,6 +94,7 @@ class Bench:
     clips: int = 12
     device: str = "auto"
     threads: int | None = None
+    family: str = MSCoT.name
 
     @cached_property
     def recipe(self) -> MSCoTRecipe:
@@ -103,7 +107,7 @@ class Bench:
     @cached_property
     def generator(self) -> MSCoT:
         """The finished weights behind the default sampling."""
-        found = load_generator("mscot", self.weights)
+        found = load_generator(self.family, self.weights)
         assert isinstance(found, MSCoT)
         return found
 
@@ -121,8 +125,8 @@ class Bench:
         measure: Measure | None = None,
     ) -> list[Row]:
         """Rows of small models."""
-        models = self.out / "models"
-        return sweep(TRAINING, self.recipe, variants, self.data, models, self.iterations, self.where, progress, measure)
+        run = Run(TRAINING, self.recipe, self.data, self.out / "models", where=self.where)
+        return sweep(run, variants, self.iterations, progress, measure)
 
     def rows(
         self, name: str, cases: Sequence[tuple[str, C]], measure: Callable[[C], Row], progress: Progress
@@ -150,9 +154,11 @@ class Bench:
 
 
 def bench_ablations(bench: Bench, names: Sequence[str], progress: Progress) -> list[Path]:
-    """Run some of `ABLATIONS`; returns the files written."""
+    """Run some of `ABLATIONS`; returns the files written. Raises UserError for a family that they do not take apart."""
+    if bench.family != MSCoT.name:
+        raise UserError(f"ablations take apart '{MSCoT.name}', and generator '{bench.family}' has none of its parts")
     if bench.threads is not None:
-        torch.set_num_threads(bench.threads)
+        use(bench.threads)
     written = []
     for name in names:
         written += ABLATIONS[name](bench, lambda what, done, name=name: progress(f"{name}: {what}", done))  # type: ignore[misc]

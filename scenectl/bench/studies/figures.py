@@ -187,7 +187,7 @@ def draw_scales(guided: Guided, poses: Path, paths: Path) -> None:
         axis.set(aspect="equal", xlim=(1.7, -0.7), ylim=(-0.5, 0.95 * _SECONDS + 0.5))
         axis.tick_params(labelsize=7)
         axis.grid(alpha=0.25)
-    figure.supxlabel("to the left (m), as a bird sees it", fontsize=8)
+    figure.supxlabel("to the left (m), seen from above", fontsize=8)
     figure.supylabel("ahead (m)", fontsize=8)
     _save(figure, paths)
     draw_strips(rows, poses)

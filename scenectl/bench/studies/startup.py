@@ -8,9 +8,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.generators.base import Progress
 from scenes.errors import UserError
 
@@ -22,22 +23,29 @@ _MAIN = "from scenectl.cli.app import main; main()"
 _TELL = "import atexit, sys; atexit.register(lambda: print('imported', *sys.modules, file=sys.stderr)); "
 
 
-def bench_startup(
-    check: str | Path, run: str | Path, repeats: int = 7, progress: Progress | None = None
-) -> dict[str, Any]:
+def bench_startup(check: str | Path, run: str | Path, repeats: int = 7, engine: Engine = ENGINE) -> Result:
     """Fresh processes in turn: `import torch`, help, completion, the check of a task and the run of another.
 
     Args:
         check: a task without a mesh.
         run: a task, run with its own samples and a preview.
         repeats: of each; the median counts.
-        progress: called with what is being done and the fraction done.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary", "rows"}``: a row for each command with its seconds (wall clock, and CPU), their ratio to those of
         `import torch`, and which large packages it imports. Raises UserError for a command that fails.
     """
-    tell = progress or (lambda what, done: None)
+    return engine.run(
+        [("start-up", repeats)],
+        lambda number: _measured(check, run, number, engine.progress),
+        _summary,
+        {"bench": "startup", "check": check, "run": run, "repeats": repeats},
+    )
+
+
+def _measured(check: str | Path, run: str | Path, repeats: int, progress: Progress) -> list[Row]:
+    """A row for each command; they take turns."""
     with tempfile.TemporaryDirectory() as folder:
         commands: dict[str, list[str]] = {
             TORCH: [],
@@ -52,11 +60,11 @@ def bench_startup(
         imported = {name: _packages(name, words) for name, words in commands.items()}
         for done in range(repeats):
             for name, words in commands.items():
-                tell(name, done / repeats)
+                progress(name, done / repeats)
                 times[name].append(_timed(name, words))
     wall = {name: statistics.median(each[0] for each in times[name]) for name in commands}
     cpu = {name: statistics.median(each[1] for each in times[name]) for name in commands}
-    rows = [
+    return [
         {
             "command": name,
             "seconds": wall[name],
@@ -67,9 +75,13 @@ def bench_startup(
         }
         for name in commands
     ]
-    keys = {name: name.replace(" --", "_").replace(" ", "_") for name in commands if name != TORCH}
-    summary = {"import_torch_s": wall[TORCH], "run_s": wall["run"]}
-    return {"summary": summary | {f"{key}_ratio": wall[name] / wall[TORCH] for name, key in keys.items()}, "rows": rows}
+
+
+def _summary(rows: Sequence[Row]) -> dict[str, float]:
+    wall = {row["command"]: row["seconds"] for row in rows}
+    keys = {name: name.replace(" --", "_").replace(" ", "_") for name in wall if name != TORCH}
+    ratios = {f"{key}_ratio": wall[name] / wall[TORCH] for name, key in keys.items()}
+    return {"import_torch_s": wall[TORCH], "run_s": wall["run"], **ratios}
 
 
 def _timed(name: str, words: list[str]) -> tuple[float, float]:

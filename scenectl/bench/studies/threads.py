@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.bench.scenes.query import machine
 from scenectl.generators.base import Progress
 from scenectl.tasks.task import load_task
 from scenes.errors import UserError
@@ -36,9 +38,9 @@ def bench_threads(
     samples: int | None = None,
     repeats: int = 5,
     limit: float | int = 60.0,
-    progress: Progress | None = None,
     settings: Sequence[str] = tuple(SETTINGS),
-) -> dict[str, Any]:
+    engine: Engine = ENGINE,
+) -> Result:
     """Generate the same motions with each setting in turn, alone and beside a busy process on every core.
 
     Each setting has a process of its own, in which the generator is loaded once.
@@ -48,25 +50,37 @@ def bench_threads(
         samples: motions, instead of the task's own.
         repeats: of each; the median counts.
         limit: seconds after which a generation is given up; no more of its kind are tried.
-        progress: called with what is being done and the fraction done.
         settings: of `SETTINGS`, the first of which the others' quiet seconds are divided by.
+        engine: tells progress, keeps rows and goes on from them.
 
     Returns:
         ``{"summary", "rows"}``, a row for each setting: median seconds to generate and refine, quiet and busy, and
         their ratio. Raises UserError for a task that cannot be run.
     """
-    tell, cores = progress or (lambda what, done: None), len(os.sched_getaffinity(0))
     load_task(task)  # what is wrong with it is told here
+    return engine.run(
+        [("threads", settings)],
+        lambda names: _measured(task, samples, repeats, limit, names, engine.progress),
+        lambda rows: {**machine(), "limit_s": limit, **_summary(rows)},
+        {"bench": "threads", "task": task, "samples": samples, "repeats": repeats, "limit": limit, "names": settings},
+    )
+
+
+def _measured(
+    task: str | Path, samples: int | None, repeats: int, limit: float | int, settings: Sequence[str], progress: Progress
+) -> list[Row]:
+    """A row for each setting; they take turns."""
+    cores = len(os.sched_getaffinity(0))
     quiet, busy = "on a quiet machine", f"beside {cores} busy processes"
     with ExitStack() as stack:
         workers = {name: stack.enter_context(_worker(task, samples, *SETTINGS[name])) for name in settings}
         for name, worker in workers.items():
-            tell(f"loading for {name}", 0.0)
+            progress(f"loading for {name}", 0.0)
             worker.generate(LOADING)  # the first, which also fills caches, does not count
-        alone = _rounds(workers, repeats, limit, lambda done: tell(quiet, done))
+        alone = _rounds(workers, repeats, limit, lambda done: progress(quiet, done))
         with _busy(cores):
-            beside = _rounds(workers, repeats, limit, lambda done: tell(busy, done))
-        rows = [
+            beside = _rounds(workers, repeats, limit, lambda done: progress(busy, done))
+        return [
             {
                 "setting": name,
                 "threads": worker.threads,
@@ -78,7 +92,6 @@ def bench_threads(
             }
             for name, worker in workers.items()
         ]
-    return {"summary": {"cores": cores, "processor": _processor(), "limit_s": limit, **_summary(rows)}, "rows": rows}
 
 
 @dataclass
@@ -181,14 +194,5 @@ def _ratio(times: list[float], others: list[float]) -> float | None:
     return statistics.median(times) / statistics.median(others) if times and others else None
 
 
-def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _summary(rows: Sequence[Row]) -> dict[str, Any]:
     return {row["setting"]: {key: row[key] for key in ("quiet_s", "busy_s", "busy_over_quiet")} for row in rows}
-
-
-def _processor() -> str:
-    """The processor's name, where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return "unknown"
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")

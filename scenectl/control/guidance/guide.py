@@ -49,11 +49,9 @@ class ObjectiveGuide:
 
     def _begun(self, motion: Motion) -> Motion:
         """The motion from the start that suits the goals best, if that is free."""
-        return (
-            motion
-            if self.start is None
-            else self.start.moved(motion, self.start.fit(motion, self.objective, self.context))
-        )
+        if self.start is None:
+            return motion
+        return self.start.moved(motion, self.start.fit(motion, self.objective, self.context))
 
     def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
         return self.objective.cost(motion, self.context)

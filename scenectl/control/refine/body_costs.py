@@ -26,6 +26,7 @@ from objectives.kernels import Kernel
 from objectives.library.scene import foot_heights
 from scenectl.control.settings import SolverSettings
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
+from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET
 
@@ -63,7 +64,8 @@ class BodyCosts:
         height = foot_heights(feet, before, context)
         moved = torch.nn.functional.pad(feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
         rest = feet[..., 1] + (-height).clamp(0.0, standing)  # out of the floor is no lift
-        free = torch.tensor([foot not in _named(goals) for foot in FEET], device=feet.device)
+        named = {joint for term in goals.counted for joint in term.joints}
+        free = torch.tensor([foot not in named for foot in FEET], device=feet.device)
         stands = (height < standing) & (moved < thresholds.still) & before.valid[..., None] & free
         held = (*_with_kernel(goals, "huber", thresholds.held), *_body(thresholds))
         led, stretched = leads(goals, before, context, thresholds.led), bone_errors(before)
@@ -136,13 +138,13 @@ class BodyCosts:
 
 def approach(settings: SolverSettings, thresholds: Thresholds) -> SolverSettings:
     """For searches with a body's costs: many rows, most of them one-sided."""
-    fewer = min(settings.iterations, int(thresholds.approach))
+    fewer = min(settings.iterations, thresholds.approach)
     return settings.model_copy(update={"name": "lbfgs", "step": None, "iterations": fewer})
 
 
 def finish(settings: SolverSettings, thresholds: Thresholds) -> SolverSettings:
     """For searches without them from where such a search ended, which are short or lead nowhere."""
-    return settings.model_copy(update={"iterations": min(settings.iterations, int(thresholds.finish))})
+    return settings.model_copy(update={"iterations": min(settings.iterations, thresholds.finish)})
 
 
 def leads(objective: Objective, motion: Motion, context: Context, led: float = THRESHOLDS.led) -> bool:
@@ -175,15 +177,6 @@ def _body(thresholds: Thresholds) -> tuple[Term, ...]:
     )
 
 
-def _named(objective: Objective) -> set[str]:
-    """Joints that goals name."""
-    named: set[str] = set()
-    for term in objective.counted:
-        joint = term.parameters.get("joint", ())
-        named |= {joint} if isinstance(joint, str) else set(joint)
-    return named
-
-
 def _with_kernel(objective: Objective, kernel: Kernel, delta: float) -> tuple[Term, ...]:
     """The terms, with another kernel for those that pull the harder the further off a target is."""
     return tuple(
@@ -192,16 +185,3 @@ def _with_kernel(objective: Objective, kernel: Kernel, delta: float) -> tuple[Te
         else term
         for term in objective.counted
     )
-
-
-def bone_errors(motion: Motion) -> Float[Tensor, "*b T"]:
-    """Mean distance (m) of each frame's bones from the skeleton's lengths; 0 in padding."""
-    return stretches(motion).abs().mean(-1)
-
-
-def stretches(motion: Motion) -> Float[Tensor, "*b T B"]:
-    """By how much (m) each bone is longer than the skeleton's; 0 in padding."""
-    parents, children = (list(side) for side in zip(*motion.skeleton.bones, strict=True))
-    lengths = (motion.joints[..., children, :] - motion.joints[..., parents, :]).norm(dim=-1)
-    rest = lengths.new_tensor(motion.skeleton.bone_lengths)[children]
-    return (lengths - rest) * motion.valid[..., None]

@@ -15,10 +15,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from scenectl.control.refine.body_costs import bone_errors
 from scenectl.control.settings import SolverSettings
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Price
+from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
 
@@ -31,7 +31,7 @@ Measured by `scenectl bench prices --threads 1` (row "smooth").
 
 def polishing(settings: SolverSettings, thresholds: Thresholds = THRESHOLDS) -> SolverSettings:
     """For the search in joints: few steps of the solver that fits, for every sample that is near its targets."""
-    fewer = min(settings.iterations, int(thresholds.polish_steps))
+    fewer = min(settings.iterations, thresholds.polish_steps)
     return settings.model_copy(update={"name": "auto", "step": None, "enough": None, "iterations": fewer})
 
 

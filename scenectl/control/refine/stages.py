@@ -73,11 +73,11 @@ def relieve(setting: Setting, found: Solution) -> Solution:
 
 def _approached(setting: Setting, found: Solution, samples: Int[Tensor, " s"]) -> Solution:
     """With a body's costs, from the generator's own values, which the setting holds; then on from what they lead to."""
-    body, everyone = setting.body_costs(), torch.ones_like(samples, dtype=torch.bool)
+    body, whole = setting.body_costs(), torch.ones_like(samples, dtype=torch.bool)
     gentle = setting.solve(body, settings=approach(setting.solver, setting.thresholds))
-    found, left = found.merged(gentle, samples, everyone, "strained"), everyone
+    found, left = found.merged(gentle, samples, whole, "strained"), whole
     if (near := body.near(setting.motion(gentle), setting.context)).any():
-        nearer, left = near.nonzero()[:, 0], everyone.clone()
+        nearer, left = near.nonzero()[:, 0], whole.clone()
         found, helped = _tightened(setting.of(nearer), found, gentle.value[near], samples[near])
         left[near] = ~helped
     if left.any():

@@ -67,7 +67,7 @@ def lbfgs(search: Search) -> None:
         sy = (s * y).sum(1)
         keep = sy > 1e-10 * s.norm(dim=1) * y.norm(dim=1)
         pairs.append((s, y, torch.where(keep, 1.0 / sy.clamp_min(1e-30), torch.zeros_like(sy))))
-        pairs = pairs[-int(limits.memory) :]
+        pairs = pairs[-limits.memory :]
         x, value, gradient = moved, new_value, new_gradient
         search.accept(x, value)
         if not search.active.any():
@@ -99,7 +99,7 @@ def _line_search(
     low, high = torch.zeros_like(length), torch.full_like(length, torch.inf)
     found = ~(length > 0)
     best_x, best_value, gradient_at = x, value, gradient
-    for _ in range(int(limits.trials)):
+    for _ in range(limits.trials):
         trial = x + length[:, None] * direction
         trial_value, trial_gradient = search.evaluate(trial)
         decreases = trial_value <= value + limits.decrease * length * slope

@@ -199,7 +199,7 @@ def _dual_step(model: _Rows, search: Search, x: Tensor, damping: Float[Tensor, "
     gram = model.jacobian @ model.jacobian.mT
     wanted = -model.linear(home)
     step, counts = home, model.counts(model.value)
-    for _ in range(int(search.thresholds.dual_rounds)):
+    for _ in range(search.thresholds.dual_rounds):
         # A row that doesn't count has a system of its own, with the answer 0.
         system = gram * counts[:, None] * counts[..., None] + torch.diag_embed(total[:, None].expand_as(wanted))
         factor, _ = torch.linalg.cholesky_ex(system)
@@ -316,7 +316,7 @@ def _conjugate_gradients(
     """A step, and each plane's rows after it."""
     step, linear = torch.zeros_like(x), [plane.value for plane in planes]
     counts = [plane.counts(value) for plane, value in zip(planes, linear, strict=True)]
-    for _ in range(int(search.thresholds.cg_rounds)):
+    for _ in range(search.thresholds.cg_rounds):
         step = _truncated(planes, counts, search, x, step, damping)
         if not step.any():
             break
@@ -352,7 +352,7 @@ def _truncated(
         downhill = downhill - plane.at.vjp(plane.value * mine)
     rest = downhill - image(step) if step.any() else downhill
     direction, size, begun = rest.clone(), rest.square().sum(1), downhill.square().sum(1)
-    for _ in range(int(limits.cg_steps)):
+    for _ in range(limits.cg_steps):
         if not bool(((size > limits.cg_tolerance**2 * begun) & search.active).any()):
             break
         curved = image(direction)

@@ -25,6 +25,7 @@ from scenectl.generators.spec import check_request
 from scenectl.generators.windows import Windows
 from scenectl.networks.precision import cpu_has_bfloat16
 from scenectl.networks.text import TextFeatures
+from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
 
@@ -82,6 +83,7 @@ class MSCoT:
     def licence(self) -> str:
         return self.bundle.licence
 
+    @threads()
     def generate(
         self,
         prompts: Prompts | str,
@@ -103,6 +105,7 @@ class MSCoT:
         state = _State(frames, covering(tokens_for(frames)), start, [], [], [])
         return self._made(state, text, guide, samples, seed, progress)
 
+    @threads()
     def edit(
         self,
         motion: Motion,
@@ -133,7 +136,7 @@ class MSCoT:
         """Raw features after a round trip through tokens, T a multiple of four."""
         return self.bundle.tokenizer.decode(self.bundle.tokenizer.encode(features))
 
-    def babble(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
+    def from_random_tokens(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
         """Raw features of tokens drawn uniformly, `frames` a multiple of four."""
         lengths, codes = self.quantiser.lengths(tokens_for(frames)), self.bundle.config.tokenizer.codes
         return self.bundle.tokenizer.decode([torch.randint(codes, (1, n), generator=draw) for n in lengths])
@@ -205,7 +208,7 @@ class MSCoT:
         return posterior
 
     def _placed(self, state: _State, features: Float[Tensor, "S T c"]) -> Motion:
-        """World motion of features, without the frames that nobody asked for."""
+        """World motion of features, cut to the frames that were asked for."""
         motion = Motion(features_to_joints(features[:, : state.frames]), fps=FPS)
         return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
 

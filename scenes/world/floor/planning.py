@@ -41,7 +41,7 @@ class FreeArea:
 
     Attributes:
         clearance: horizontal distance (m) from each cell's centre to the nearest obstacle or to the edge of the
-            floor, ``[X, Z]``, at most 5; 0 or less where nobody can stand.
+            floor, ``[X, Z]``, at most 5; 0 or less where no person can stand.
         origin: x and z (m) of the centre of cell [0, 0].
         cell: side of the square cells, metres.
         floor: height of the floor, metres.

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import Tensor
 
 from objectives import Assessed, Context, Objective, Term
-from scenectl.control import GuidanceSettings, ObjectiveGuide, SolverSettings
+from scenectl.control import GuidanceSettings, ObjectiveGuide, Refined, SolverSettings, refine
 from scenectl.generators.base import Guide, Step
+from scenectl.generators.mscot.keeping import covering
 from scenectl.generators.mscot.sampling import MSCoT, _State
-from scenectl.generators.mscot.windows import Windows
 from scenectl.generators.steps import DecodedStep
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.primitives import Box
@@ -33,18 +35,24 @@ def step(samples: int = 2, finest: int = 6, exact: bool = False) -> DecodedStep:
     """The latent of random codes at all scales, decoded by random networks."""
     made = double(bundle()) if exact else bundle()
     q = made.tokenizer.quantiser
-    generator = MSCoT(made)
+    generator, decode = MSCoT(made), made.tokenizer.decode_latent
     lengths = q.lengths(finest)
     codes = [q.lookup(k, torch.randint(16, (samples, n))) for k, n in enumerate(lengths)]
-    state = _State(4 * finest - 2, Windows.covering(finest), START, [], [], [])
-    return DecodedStep(torch.cat(codes, dim=1), lambda v: generator._decode(state, list(v.split(list(lengths), dim=1))))
+    state = _State(4 * finest - 2, covering(finest), START, [], [], [])
+
+    def decoder(value: Tensor) -> Motion:
+        return generator._placed(state, decode(generator._latent(state, list(value.split(list(lengths), dim=1)))))
+
+    return DecodedStep(torch.cat(codes, dim=1), decoder)
 
 
-def guide(**settings: object) -> ObjectiveGuide:
-    """Goals alone: random networks have no body to mind."""
-    scale = settings.pop("scale", 1.0)
-    solver = SolverSettings.model_validate({"natural": False, **settings})
-    return ObjectiveGuide(GOALS, context(), solver, GuidanceSettings(scale=scale))
+def guide(scale: float = 1.0) -> ObjectiveGuide:
+    return ObjectiveGuide(GOALS, context(), GuidanceSettings(scale=scale))
+
+
+def refined(at: Step, **settings: object) -> Refined:
+    """Goals alone: random networks have no body to keep."""
+    return refine(at, GOALS, context(), SolverSettings.model_validate({"natural": False, "polish": False, **settings}))
 
 
 def test_the_protocols_are_met() -> None:
@@ -100,39 +108,50 @@ def test_a_frame_that_is_not_a_number_does_not_silence_guidance() -> None:
 def test_refinement_lowers_the_cost_on_random_networks(name: str) -> None:
     s = step()
     fine = 3e-3 if name == "gradient" else None
-    g = guide(name=name, iterations=25, step=fine, prior=0.0)
-    refined = g.refine(s)
-    before, after = (GOALS.cost(s.decode(v), context()) for v in (s.value, refined))
-    assert refined.shape == s.value.shape and not refined.requires_grad
+    got = refined(s, name=name, iterations=25, step=fine, prior=0.0)
+    before, after = (GOALS.cost(motion, context()) for motion in (got.unrefined, got.motion))
+    assert torch.equal(got.unrefined.joints, s.motion.joints) and not got.motion.joints.requires_grad
     assert (after < 0.95 * before).all()
-    assert g.solution is not None
-    torch.testing.assert_close(g.solution.cost, after, rtol=1e-4, atol=1e-4)
+    assert got.solution is not None and got.solution.solver == name
+    torch.testing.assert_close(got.solution.cost, after, rtol=1e-4, atol=1e-4)
 
 
 def test_refinement_stops_where_the_goals_are_met() -> None:
-    s = step(samples=1)
-    g = guide(iterations=400, patience=400, prior=0.0)
-    refined = g.refine(s)
-    assert bool(g.met(s, refined).all())
-    assert g.solution is not None and len(g.solution.history) < 200
+    got = refined(step(samples=1), iterations=400, patience=400, prior=0.0)
+    assert bool(GOALS.met(got.motion, context()).all())
+    assert got.solution is not None and len(got.solution.history) < 200
 
 
 def test_the_prior_keeps_the_value_near_what_was_generated() -> None:
     s = step()
-    moved = [(guide(iterations=6, prior=p).refine(s) - s.value).norm() for p in (0.0, 1.0, 1e4)]
+    moved = []
+    for prior in (0.0, 1.0, 1e4):
+        solution = refined(s, iterations=6, prior=prior).solution
+        assert solution is not None
+        moved.append((solution.value - s.value.flatten(1)).norm())
     assert moved[2] < moved[1] < moved[0]
+
+
+def test_the_prior_counts_distances_in_the_steps_unit() -> None:
+    s = step()
+    for name in ("lbfgs", "lm"):
+        wide, narrow = (
+            refined(replace(s, unit=unit), iterations=6, name=name, prior=prior).solution
+            for unit, prior in ((10.0, 100.0), (1.0, 1.0))
+        )
+        assert wide is not None and narrow is not None
+        torch.testing.assert_close(wide.value, narrow.value)
 
 
 def test_no_iterations_mean_no_refinement() -> None:
     s = step()
-    g = guide(iterations=0)
-    assert torch.equal(g.refine(s), s.value) and g.solution is None
+    got = refined(s, iterations=0)
+    assert torch.equal(got.motion.joints, s.motion.joints) and got.solution is None
 
 
 def test_progress_is_told_and_never_exceeds_one() -> None:
     told: list[tuple[str, float]] = []
-    g = ObjectiveGuide(GOALS, context(), SolverSettings(iterations=10), progress=lambda *what: told.append(what))
-    g.refine(step())
+    refine(step(), GOALS, context(), SolverSettings(iterations=10), progress=lambda *what: told.append(what))
     fractions = [fraction for _, fraction in told]
     assert {what for what, _ in told} == {"refinement"}
     assert fractions == sorted(fractions) and fractions[0] > 0 and fractions[-1] <= 1.0
@@ -173,13 +192,11 @@ def test_every_solver_leaves_a_baked_pillar(name: str) -> None:
     )
     step = {"adam": 0.05, "gradient": 1e-3}.get(name)
     solver = SolverSettings(name=name, step=step, natural=False, polish=False, iterations=300)  # type: ignore[arg-type]
-    g = ObjectiveGuide(goals, at, solver)
-    after = standing.decode(g.refine(standing))
-    assert goals.met(after, at).all()
+    assert goals.met(refine(standing, goals, at, solver).motion, at).all()
 
 
 @pytest.mark.parametrize("lead", [0, 3])
-def test_a_wall_holds_nobody_who_was_led_past_it(lead: int) -> None:
+def test_goals_that_lead_take_a_body_past_a_wall(lead: int) -> None:
     """Inside a slab, on the wrong side of its middle: wall and target balance, unless the target leads first."""
     wall = Scene(primitives=[Box((0.0, 1.0, 0.0), (3.0, 2.0, 1.0))])
     standing = TinyStep(torch.tensor([[0.0, 0.2]]).repeat(1, 30, 1), Pose2D())
@@ -190,8 +207,7 @@ def test_a_wall_holds_nobody_who_was_led_past_it(lead: int) -> None:
         )
     )
     solver = SolverSettings(natural=False, polish=False, lead=lead)
-    g = ObjectiveGuide(goals, Context(wall, DEFAULT_BODY), solver)
-    after = standing.decode(g.refine(standing))
+    after = refine(standing, goals, Context(wall, DEFAULT_BODY), solver).motion
     assert bool(goals.met(after, Context(wall, DEFAULT_BODY))) == (lead > 0)
 
 
@@ -209,6 +225,5 @@ def test_leading_past_a_wall_that_makes_no_sense_there_is_given_up() -> None:
     terms = (Term("joint_target", {"position": [0.0, 0.87, -1.2]}, tolerance=0.05), Term("smoothness"))
     standing = TinyStep(torch.tensor([[0.0, 0.2]]).repeat(1, 30, 1), Pose2D())
     goals = Cliff(terms)
-    g = ObjectiveGuide(goals, context(), SolverSettings(natural=False, polish=False, name="lbfgs"))
-    after = standing.decode(g.refine(standing))
+    after = refine(standing, goals, context(), SolverSettings(natural=False, polish=False, name="lbfgs")).motion
     assert float(goals.cost(after, context())) <= float(goals.cost(standing.motion, context()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import pytest
 import torch
@@ -11,8 +11,11 @@ from pydantic import ValidationError
 from torch import Tensor
 
 from scenectl.control.settings import GuidanceSettings, SolverSettings
-from scenectl.control.solvers.choice import minimise
-from scenectl.control.solvers.problem import Problem, Solution
+from scenectl.control.solvers.choice import Choice, choose, minimise
+from scenectl.control.solvers.least_squares import levenberg_marquardt
+from scenectl.control.solvers.problem import Problem, Search, Solution
+from scenectl.generators.base import Price
+from scenectl.generators.steps import AUTOGRAD, LINEARISED
 
 NAMES = ["lbfgs", "adam", "gradient", "lm", "gauss_newton"]
 STEPLESS = ("lbfgs", "lm", "gauss_newton")
@@ -60,10 +63,7 @@ def solve(
 ) -> Solution:
     given = SolverSettings.model_validate({"name": name, "prior": 0.0, **settings})
 
-    def cost(x: Tensor) -> Tensor:
-        return residual(x).square().sum(1) + given.prior * (x - start).square().sum(1)
-
-    return minimise(Problem(cost, start, done, lambda x: Dense(residual, x, done)), given)
+    return minimise(Problem(partial(cost_of, residual), start, done, lambda x: Dense(residual, x, done)), given)
 
 
 def cost_of(residual: Rows, x: Tensor) -> Tensor:
@@ -250,19 +250,39 @@ def test_solvers_agree_on_what_the_prior_gives_up(name: str) -> None:
     torch.testing.assert_close(got.value[0], exact, atol=2e-3, rtol=2e-3)
 
 
+def many(x: Tensor) -> Tensor:
+    """Ninety rows, all awake."""
+    return x.repeat(1, 30) - 7.0
+
+
 @pytest.mark.parametrize(
-    ("residual", "columns", "chosen"),
+    ("residual", "columns", "price", "chosen"),
     [
-        (rosenbrock, 2, "lm"),
-        (lambda x: x.repeat(1, 30) - 7.0, 3, "gauss_newton"),
-        (hinge, 2, "lm"),
-        (lambda x: (x.repeat(1, 30) - 2.0).clamp_min(0.0) * (torch.arange(90) < 60), 3, "lbfgs"),
+        (rosenbrock, 2, LINEARISED, "lm"),
+        (many, 3, LINEARISED, "gauss_newton"),
+        (hinge, 2, LINEARISED, "lm"),
+        (lambda x: (x.repeat(1, 30) - 2.0).clamp_min(0.0) * (torch.arange(90) < 60), 3, LINEARISED, "lbfgs"),
+        (lambda x: many(x)[:, :48], 3, LINEARISED, "lm"),
+        (lambda x: many(x)[:, :49], 3, LINEARISED, "gauss_newton"),
+        (lambda x: many(x)[:, :50] * (torch.arange(50) < 24), 3, LINEARISED, "lm"),
+        (lambda x: many(x)[:, :50] * (torch.arange(50) < 25), 3, LINEARISED, "lbfgs"),
+        (rosenbrock, 2, AUTOGRAD, "lm"),
+        (lambda x: many(x)[:, :48], 3, AUTOGRAD, "lbfgs"),
+        (many, 3, AUTOGRAD, "lbfgs"),
+        (rosenbrock, 2, Price(product=1.0, row=10.0), "gauss_newton"),
+        (rosenbrock, 2, Price(product=20.0, row=10.0), "lbfgs"),
     ],
 )
-def test_the_solver_is_chosen_by_the_rows(residual: Rows, columns: int, chosen: str) -> None:
+def test_the_solver_is_chosen_by_the_rows_at_their_price(
+    residual: Rows, columns: int, price: Price, chosen: str
+) -> None:
     start = torch.full((2, columns), 2.5)
-    got = solve(residual, start, "auto", iterations=3)
-    assert got.solver == chosen
+    problem = Problem(partial(cost_of, residual), start, never, lambda x: Dense(residual, x), price)
+    settings = SolverSettings(iterations=30)
+    choice = choose(problem, settings)
+    assert choice == Choice(chosen, 3 if chosen == "gauss_newton" else 30)  # type: ignore[arg-type]
+    assert choose(problem, SolverSettings(name="adam", iterations=7)) == Choice("adam", 7)
+    assert minimise(problem, settings.model_copy(update={"iterations": 3})).solver == chosen
 
 
 def test_a_row_that_wakes_up_on_the_way_is_taken_in() -> None:
@@ -306,7 +326,7 @@ def test_walls_that_wake_are_met_in_a_few_steps(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["lm", "gauss_newton"])
-def test_a_wall_once_left_holds_nobody_back(name: str) -> None:
+def test_a_wall_once_left_counts_on_its_wrong_side_only(name: str) -> None:
     """Its plane is remembered, but as one that only counts on its wrong side."""
 
     def behind(x: Tensor) -> Tensor:
@@ -380,6 +400,9 @@ def test_many_walls_that_wake_are_left_to_lbfgs() -> None:
     got = minimise(problem, SolverSettings(name="lm", prior=0.0, progress=1e-9))
     best = cost(torch.linspace(0, 5, 5001)[:, None]).min()
     assert formed < 60 and float(got.cost) < 1.001 * float(best) and got.solver == "lbfgs"
+    search = Search(problem, SolverSettings(name="lm", prior=0.0, progress=1e-9))
+    left = levenberg_marquardt(search)  # says so, and leaves going on to what chose it
+    assert left is not None and len(search.history) < 5 and search.solution("lm").reasons == ["budget"]
     few = minimise(problem, SolverSettings(name="lm", prior=0.0, iterations=2))
     assert len(few.history) <= 2 + 3  # the start is looked at twice
 
@@ -427,3 +450,17 @@ def test_once_enough_samples_are_met_the_others_are_abandoned(name: str) -> None
         assert got.reasons == ["met", "abandoned", "abandoned"]
     alone = solve(quadratic, start, name, done, iterations=400, step=step, patience=400)
     assert got.evaluations <= alone.evaluations and "abandoned" not in alone.reasons
+
+
+def test_solutions_are_merged_without_changing_either() -> None:
+    first = solve(quadratic, torch.zeros(3, 3), "lm", iterations=1)
+    other = solve(quadratic, torch.ones(2, 3), "lm", iterations=2)
+    value, reasons = first.value.clone(), list(first.reasons)
+    got = first.merged(other, torch.tensor([2, 0]), torch.tensor([True, False]), "strained")
+    assert torch.equal(got.value[2], other.value[0]) and torch.equal(got.value[:2], value[:2])
+    assert got.cost[2] == other.cost[0] and got.reasons == [*reasons[:2], "strained"]
+    assert got.evaluations == first.evaluations + other.evaluations
+    assert torch.equal(first.value, value) and first.reasons == reasons
+    settled = got.settled(torch.tensor([True, False, False]))
+    assert settled.reasons == ["met", reasons[1], "strained"] and got.reasons[0] == reasons[0]
+    assert settled.settled(torch.zeros(3, dtype=torch.bool)).reasons[0] == "no progress"

@@ -16,8 +16,9 @@ from scenectl.tasks.task import Task, load_task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.mesh.mesh import load_mesh
-from scenes.mesh.primitives import Box, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Sphere
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.waypoints import Waypoints
 from scenes.world.floor.polyline import path_length
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, load_scene

@@ -7,6 +7,7 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,18 +17,23 @@ from objectives import Masked, Objective, Term, forget, goal
 from scenectl.view import Picture, draw_scene
 from scenectl.view.camera import Sight, choose
 from scenectl.view.evidence import uncertain_blocks
+from scenectl.view.marks import draw_line
 from scenectl.view.room import Room
-from scenectl.view.shapes import BodyShape, capsules, components, face_colours, ring, soft_shadow, tube
-from scenectl.view.stage import Stage, shaded
+from scenectl.view.shapes import body_hull, capsules, components, face_colours, soft_shadow
+from scenectl.view.stage import open_stage
 from scenectl.view.window import Window
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Sphere
 from scenes.mesh.surface import Surface
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.waypoints import Waypoints
 from scenes.sdf.signs import UNCERTAIN
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled
+
+if TYPE_CHECKING:
+    from pyvista import Plotter
 
 SMALL = (320, 200)
 
@@ -53,7 +59,8 @@ def reddish(image: np.ndarray) -> float:
 
 def test_bodies_are_the_capsules_that_are_scored(tiny: ModuleType) -> None:
     joints = tiny.statue().double()
-    vertices, faces, normals = BodyShape(DEFAULT_BODY).hull(joints.numpy())
+    hull = body_hull(DEFAULT_BODY, joints.numpy())
+    vertices, faces, normals = hull.points, hull.regular_faces, hull.point_data.active_normals
     assert vertices.shape == normals.shape
     assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
     samples = DEFAULT_BODY.points_of(joints).numpy()
@@ -125,12 +132,12 @@ def test_pictures_show_the_person(what: str, tiny: ModuleType, tmp_path: Path) -
 def test_clearance_colours_and_slices(tiny: ModuleType, tmp_path: Path) -> None:
     scene = Scene(primitives=[Box((0.45, 1.0, 0.0), (0.2, 2.0, 1.0))])
     picture = Picture(scene, walk(tiny))
-    clearance = picture.clearances(BodyShape(DEFAULT_BODY).hull(picture.joints(0)).points, 0)
+    clearance = picture.clearances(body_hull(DEFAULT_BODY, picture.joints(0)).points, 0)
     assert clearance.min() < 0.15 and clearance.max() <= 1.8
     grid = picture.slice_at(1.0)
     inside = scene.distance(torch.tensor([[0.45, 1.0, 0.0]]))
     assert float(inside) == pytest.approx(-0.1, abs=1e-5)
-    assert grid.distances.min() == pytest.approx(-0.1, abs=0.05)
+    assert grid["distance (m)"].min() == pytest.approx(-0.1, abs=0.05)
     picture.draw(tmp_path / "p.png", at=0.0, show_slice=True, clearance=True, size=SMALL)
     assert pixels(tmp_path / "p.png").std() > 10
 
@@ -142,15 +149,15 @@ def moving_scene() -> Scene:
     return Scene(primitives=[ball], objects=[MovingObject(Box((0.0, 0.5, 0.0), (0.2, 1.0, 0.6)), way)])
 
 
-def bounds(stage: Stage, name: str) -> tuple[float, ...]:
+def bounds(stage: Plotter, name: str) -> tuple[float, ...]:
     """Lowest and highest x, y and z of something on a stage."""
-    found: tuple[float, ...] = stage.actors[name].GetBounds()
+    found: tuple[float, ...] = stage.actors[name].bounds
     return found
 
 
 def test_what_moves_is_drawn_where_it_is_when_the_body_is(tiny: ModuleType) -> None:
     picture = Picture(moving_scene(), walk(tiny))
-    stage = Stage(SMALL)
+    stage = open_stage(SMALL)
     try:
         poses = picture.moments(None)
         picture.room.draw_moving(stage, [picture.time(frame) for frame in poses])
@@ -161,8 +168,8 @@ def test_what_moves_is_drawn_where_it_is_when_the_body_is(tiny: ModuleType) -> N
             turn = share * np.pi / 2
             assert (x1 - x0) / 2 == pytest.approx(0.1 * np.cos(turn) + 0.3 * np.sin(turn), abs=1e-5)
             assert bounds(stage, f"moving 1 {i}")[3] == pytest.approx(0.7 + share, abs=1e-5)
-        assert stage.actors[f"moving 0 {len(poses) - 1}"].GetProperty().GetOpacity() == 1.0
-        assert stage.actors["moving 0 0"].GetProperty().GetOpacity() < 0.3
+        assert stage.actors[f"moving 0 {len(poses) - 1}"].prop.opacity == 1.0
+        assert stage.actors["moving 0 0"].prop.opacity < 0.3
         assert not picture.room.solids  # and never where it was at 0 s as well
     finally:
         stage.close()
@@ -186,10 +193,10 @@ def test_slices_and_the_window_follow_what_moves(tiny: ModuleType) -> None:
     picture = Picture(moving_scene(), walk(tiny), objective=objective)
     for time, x in ((0.0, 3.0), (2.0, 1.0)):
         grid = picture.slice_at(0.5, time)
-        right = np.where(grid.points[..., 0] > 0, grid.distances, np.inf)
-        deepest = grid.points[np.unravel_index(right.argmin(), right.shape)]
+        right = np.where(grid.points[:, 0] > 0, grid["distance (m)"], np.inf)
+        deepest = grid.points[right.argmin()]
         assert deepest[0] == pytest.approx(x, abs=0.25) and deepest[2] == pytest.approx(2.0, abs=0.25)
-    stage = Stage(SMALL)
+    stage = open_stage(SMALL)
     window = Window(picture, stage)
     try:
         assert sum(bounds(stage, "moving 0 0")[:2]) / 2 == pytest.approx(3.0, abs=1e-5)
@@ -216,20 +223,13 @@ def test_uncertain_voxels_and_holes_are_shown_where_they_are(tmp_path: Path) -> 
     blocks = uncertain_blocks(result)
     assert blocks is not None and result.signs.uncertain is not None
 
-    def shown(points: np.ndarray) -> np.ndarray:
-        cells = np.floor((points - blocks.low) / blocks.size).astype(int)
-        inside = ((cells >= 0) & (cells < blocks.agreeing.shape)).all(axis=1)
-        return inside & (blocks.agreeing[tuple(np.where(inside[:, None], cells, 0).T)] <= UNCERTAIN)
-
-    assert shown(result.grid.nodes(np.argwhere(result.signs.uncertain))).all()
-    assert not shown(result.grid.nodes(np.argwhere(~result.signs.uncertain))).any()  # a block is one voxel here
-    squares, values = blocks.faces()
-    outline = np.pad(blocks.agreeing <= UNCERTAIN, 1).astype(int)
-    assert len(squares) == len(values) == sum(np.abs(np.diff(outline, axis=k)).sum() for k in range(3))
-    across = np.cross(squares[:, 1] - squares[:, 0], squares[:, 3] - squares[:, 0]) / (2 * blocks.size)
-    middle = squares.mean(axis=1)
-    assert (shown(middle + across) != shown(middle - across)).all()  # between a block and none
-    assert values.max() <= UNCERTAIN
+    nodes = result.grid.nodes(np.argwhere(result.signs.uncertain))
+    assert (blocks.find_containing_cell(nodes) >= 0).all()
+    sure = result.grid.nodes(np.argwhere(~result.signs.uncertain))
+    assert (blocks.find_containing_cell(sure) < 0).all()  # a block is one voxel here
+    percent = blocks["agreeing evidence (%)"]
+    assert len(percent) == len(nodes) and percent.max() <= UNCERTAIN
+    assert np.allclose(blocks.cell_centers().points, nodes[np.lexsort(nodes.T)])
     edges = Surface.of(torn_box()).open_edges
     assert len(edges) == result.boundary_edges == 30
     ends = edges.reshape(-1, 3)
@@ -247,7 +247,7 @@ def test_scenes_alone(tmp_path: Path) -> None:
 
 def test_the_window_moves_through_time(tiny: ModuleType) -> None:
     picture = Picture(Scene(primitives=[Box((1.0, 1.0, 0.0), (0.2, 2.0, 1.0))]), walk(tiny))
-    stage = Stage(SMALL)
+    stage = open_stage(SMALL)
     window = Window(picture, stage)
     try:
         place = bounds(stage, "body")[4]
@@ -257,37 +257,62 @@ def test_the_window_moves_through_time(tiny: ModuleType) -> None:
         window.step(-1)
         assert window.frame == 39
         window.toggle_slice()
-        assert {"slice", "slice surface", "distance (m)"} <= set(stage.actors)
+        assert {"slice", "slice surface"} <= set(stage.actors)
+        assert set(stage.scalar_bars.keys()) == {"distance (m)"}
         window.at_height(0.5)
         assert bounds(stage, "slice")[2] == pytest.approx(0.5, abs=1e-3)
         window.toggle_clearance()
-        assert "clearance (m)" in stage.actors
+        assert set(stage.scalar_bars.keys()) == {"distance (m)", "clearance (m)"}
         window.toggle_clearance()
         window.toggle_slice()
-        assert not {"slice", "slice surface", "distance (m)", "clearance (m)"} & set(stage.actors)
+        assert not {"slice", "slice surface"} & set(stage.actors)
+        assert not set(stage.scalar_bars.keys())
     finally:
         stage.close()
 
 
 def test_surfaces_face_outwards() -> None:
     """Shading takes the side of a surface from its corners' order, and its slope from the normals."""
-    way = np.array([[0.0, 0, 0], [0.0, 0.5, 0.2], [1.0, 0.5, 0.2], [1.0, 0.5, 1.2]])
     ends = np.array([[0.0, 0, 0], [1.0, 2, 0]]), np.array([[0.0, 0, 0], [1.0, 2, 1]])
-    for hull in (tube(way, 0.1), capsules(*ends, np.array([[0.2, 0.2], [0.1, 0.3]])), ring(way[2], 0.1, 0.2)):
-        assert np.allclose(np.linalg.norm(hull.normals, axis=1), 1.0)
-        a, b, c = np.moveaxis(hull.points[hull.faces], 1, 0)
-        across = np.cross(b - a, c - a)
-        outward = (across * hull.normals[hull.faces].mean(axis=1)).sum(-1)
-        assert (outward[np.linalg.norm(across, axis=1) > 1e-9] > 0).all()
-    rings = tube(way, 0.1).points.reshape(4, -1, 3)
-    for k, (here, there) in enumerate(pairwise(way)):  # as thick along every leg
-        along = (there - here) / np.linalg.norm(there - here)
-        assert np.linalg.norm(np.cross(rings[k : k + 2] - here, along), axis=-1) == pytest.approx(0.1)
+    hull = capsules(*ends, np.array([[0.2, 0.2], [0.1, 0.3]]))
+    normals = hull.point_data.active_normals
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-6)
+    a, b, c = np.moveaxis(hull.points[hull.regular_faces], 1, 0)
+    across = np.cross(b - a, c - a)
+    outward = (across * normals[hull.regular_faces].mean(axis=1)).sum(-1)
+    assert (outward[np.linalg.norm(across, axis=1) > 1e-6] > 0).all()
 
 
-def test_scales_run_from_their_first_colour_to_their_last() -> None:
-    found = shaded(np.array([-9.0, 0.0, 0.5, 1.0, 9.0]), "bad to good", (0.0, 1.0))
-    assert found.tolist() == [[165, 0, 38], [165, 0, 38], [255, 255, 191], [0, 104, 55], [0, 104, 55]]
+def test_lines_are_as_thick_along_every_leg() -> None:
+    stage = open_stage(SMALL)
+    try:
+        way = np.array([[0.0, 0, 0], [0.0, 0.5, 0.2], [0.0, 0.5, 0.2], [1.0, 0.5, 0.2], [1.0, 0.5, 1.2]])
+        draw_line(stage, way, (0, 0, 0), 0.1)
+        draw_line(stage, way[1:3], (0, 0, 0), 0.1)  # of no length
+        (line,) = stage.actors.values()
+        legs = line.mapper.dataset.points.reshape(3, -1, 3)
+        for leg, (here, there) in zip(legs, pairwise(way[[0, 1, 3, 4]]), strict=True):
+            along = (there - here) / np.linalg.norm(there - here)
+            assert np.linalg.norm(np.cross(leg - here, along), axis=-1) == pytest.approx(0.1, abs=1e-5)
+            ends = (leg - here) @ along
+            assert [ends.min(), ends.max()] == pytest.approx([0.0, np.linalg.norm(there - here)], abs=1e-6)
+    finally:
+        stage.close()
+
+
+def test_scales_run_from_their_first_colour_to_their_last(tiny: ModuleType) -> None:
+    stage = open_stage(SMALL)
+    try:
+        Picture(Scene(primitives=[Box((1.0, 1.0, 0.0), (0.2, 2.0, 1.0))]), walk(tiny)).draw_body(
+            stage, 0, True, name="body"
+        )
+        body = stage.actors["body"]
+        table = body.mapper.lookup_table
+        assert body.mapper.scalar_range == table.scalar_range == (0.0, 0.4)
+        colours = [table.map_value(value)[:3] for value in (-9.0, 0.0, 0.4, 9.0)]
+        assert np.round(255 * np.array(colours)).tolist() == 2 * [[165, 0, 38]] + 2 * [[0, 104, 55]]
+    finally:
+        stage.close()
 
 
 def test_goals_of_a_users_own_are_drawn_and_held_in_the_picture(tiny: ModuleType, tmp_path: Path) -> None:
@@ -311,7 +336,7 @@ def test_goals_of_a_users_own_are_drawn_and_held_in_the_picture(tiny: ModuleType
 
 
 def test_nothing_is_loaded_that_is_not_drawn_with(tmp_path: Path) -> None:
-    """VTK when a picture is drawn and not before, and none of the plotting packages then."""
+    """pyvista when a picture is drawn and not before, with what it loads itself."""
     code = (
         "import sys\n"
         "from scenectl.view import draw_scene\n"
@@ -320,5 +345,5 @@ def test_nothing_is_loaded_that_is_not_drawn_with(tmp_path: Path) -> None:
         f"print(heavy()); draw_scene(Scene.empty(), {str(tmp_path / 'scene.png')!r}); print(heavy())\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["[]", "['vtkmodules']"]
+    assert done.stdout.splitlines() == ["[]", "['matplotlib', 'pyvista', 'vtkmodules']"]
     assert done.stderr == ""

@@ -20,9 +20,10 @@ from scenes.body.proxies import FittedPart, Proxies, fit_part, fit_proxies
 from scenes.body.rig import Part, Rig
 from scenes.body.urdf import read_urdf
 from scenes.errors import UserError
-from scenes.mesh.primitives import Box, Capsule, Plane, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Capsule, Plane, Sphere
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.waypoints import Waypoints
 from tests.scenes.body.rigs import arm, humanoid, robot, standing
 
 NAMES = {name: name for name in HUMANML3D.names}

@@ -8,13 +8,12 @@ import igl
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Primitive, Sphere, Waypoints, csg, primitive
+from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Primitive, Sphere, primitive
+from scenes.motion.waypoints import Waypoints
 from scenes.sdf.field import DistanceField
 
 SHAPES: list[Primitive] = [
@@ -103,48 +102,11 @@ def test_a_moving_capsule_keeps_its_direction_and_time_broadcasts() -> None:
     assert moving.distance(points.float(), times[:, None]).dtype == torch.float32
 
 
-def test_one_waypoint_is_a_place() -> None:
-    sphere = Sphere((0, 0, 0), 1.0, Waypoints((2.0,), ((0, 3, 0),)))
-    assert sphere.distance(torch.zeros(4, 3), torch.arange(4.0)).tolist() == [2.0] * 4
-
-
 def test_a_capsule_without_length_is_a_sphere() -> None:
     points = some_points(50)
     point = Capsule((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), 0.5)
     torch.testing.assert_close(point.distance(points), Sphere((0.1, 0.2, 0.3), 0.5).distance(points))
     assert np.ptp(point.mesh().bounds, axis=0) == pytest.approx([1.0] * 3, abs=0.01)
-
-
-def test_csg_volumes() -> None:
-    def volume(mesh: Mesh) -> float:
-        a, b, c = np.moveaxis(mesh.triangles, 1, 0)
-        return float((a * np.cross(b, c)).sum() / 6)
-
-    left, right = Box((0, 0, 0), (1, 1, 1)), Box((0.5, 0, 0), (1, 1, 1))
-    assert volume(csg("union", left, right)) == pytest.approx(1.5)
-    assert volume(csg("intersection", left, right)) == pytest.approx(0.5)
-    assert volume(csg("difference", left, right)) == pytest.approx(0.5)
-    doorway = csg("difference", left, Box((0, -0.2, 0), (0.3, 0.8, 2.0)), Box((0, 0.3, 0), (0.3, 0.1, 2.0)))
-    assert volume(doorway) == pytest.approx(1 - 0.3 * 0.7 - 0.3 * 0.1)
-    assert volume(csg("union", doorway)) == pytest.approx(volume(doorway))  # a CSG result is a part again
-
-
-def test_csg_refuses_what_is_no_solid() -> None:
-    box = Box((0, 0, 0), (1, 1, 1))
-    sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), name="sheet")
-    inverted = Mesh(box.mesh().vertices, box.mesh().faces[:, ::-1])
-    with pytest.raises(UserError, match=r"part 1 \('sheet'\) is not a closed solid"):
-        csg("union", box, sheet)
-    with pytest.raises(UserError, match="facing outward"):
-        csg("union", inverted)
-    with pytest.raises(UserError, match="plane"):
-        csg("difference", box, Plane((0, 0, 0)))
-    with pytest.raises(UserError, match="did you mean 'union'"):
-        csg("onion", box)
-    with pytest.raises(UserError, match="at least one"):
-        csg("union")
-    with pytest.raises(UserError, match="leaves nothing"):
-        csg("intersection", box, Box((5, 0, 0), (1, 1, 1)))
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh, load_mesh
-from scenes.mesh.primitives import Box, Capsule, Cylinder, Sphere, csg
+from scenes.mesh.primitives import Box, Capsule, Cylinder, Sphere
 from scenes.sdf.accuracy import impossible_flips, measure
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.distances import FAR_ERROR

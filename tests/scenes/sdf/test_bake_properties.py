@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, csg
+from scenes.mesh.primitives import Box
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.distances import FAR_ERROR
 from scenes.sdf.lattice import Lattice

@@ -11,8 +11,9 @@ import trimesh
 from torch import Tensor
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Capsule, Cylinder, Sphere, csg
+from scenes.mesh.primitives import Box, Capsule, Cylinder, Sphere
 from scenes.mesh.surface import Surface
 from scenes.sdf.bake import bake
 from scenes.sdf.bake_blocks import bake_blocks

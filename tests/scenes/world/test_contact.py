@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.mesh.primitives import Box, Plane, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Plane, Sphere
+from scenes.motion.waypoints import Waypoints
 from scenes.sdf.field import DistanceField
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice

@@ -12,8 +12,10 @@ import torch
 from scipy.spatial.transform import Rotation, Slerp
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Plane, Primitive, Sphere, Waypoints, csg
+from scenes.mesh.primitives import Box, Plane, Primitive, Sphere
+from scenes.motion.waypoints import Waypoints
 from scenes.sdf.bake import bake
 from scenes.sdf.field import DistanceField
 from scenes.sdf.grid import SdfGrid

@@ -11,7 +11,8 @@ import torch
 import scenes.world.scene as module
 from scenes.errors import UserError
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Capsule, Plane, Sphere, Waypoints
+from scenes.mesh.primitives import Box, Capsule, Plane, Sphere
+from scenes.motion.waypoints import Waypoints
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
 ROOM, TABLE = Box((0.0, 1.25, 0.0), (4.0, 2.5, 3.0)), Box((1.0, 0.7, 0.0), (0.8, 0.4, 1.1))
@@ -165,6 +166,13 @@ def test_bad_values_are_one_sentence(tmp_path: Path) -> None:
         with pytest.raises(UserError, match=message) as caught:
             build()
         assert "\n" not in str(caught.value)
+
+
+def test_the_bundled_files_have_one_place_under_their_new_and_their_old_name() -> None:
+    import scenes
+    from scenes.scene import BUNDLED  # as the first examples wrote it
+
+    assert BUNDLED is scenes.BUNDLED and (BUNDLED / "living_room.glb").is_file()
 
 
 def test_load_scene_reads_file_and_options(tmp_path: Path) -> None:

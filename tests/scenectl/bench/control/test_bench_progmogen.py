@@ -13,8 +13,9 @@ import torch
 from torch import Tensor
 
 from scenectl.bench.control.progmogen import COLUMNS, Case, bench_progmogen, cases, score, table
+from scenectl.bench.control.progmogen_prompts import HeadHeights, ProgMoGenPrompts, Prompt
+from scenectl.bench.engine import Engine
 from scenectl.control import SolverSettings
-from scenectl.data.progmogen import HeadHeights, ProgMoGenPrompts, Prompt
 from scenectl.generators.base import Draft, Guide, Progress
 from scenectl.generators.conditions import Conditions
 from scenectl.generators.prompts import Prompts
@@ -137,7 +138,7 @@ def test_control_reaches_what_chance_does_not() -> None:
         PROMPTS,
         seed=7,
         solver=SolverSettings(iterations=60, prior=1e-4, natural=False),
-        progress=lambda _, x: seen.append(x),
+        engine=Engine(lambda _, x: seen.append(x)),
     )
     for task in ("hsi1", "hsi2", "hsi3"):
         summary = result["summary"][task]

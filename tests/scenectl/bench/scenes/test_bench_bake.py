@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from scenectl.bench.scenes import bake as bench
-from scenectl.bench.scenes import meshes, peers
+from scenectl.bench.engine import Engine
+from scenectl.bench.scenes import bake as bench, meshes, peers
 from scenectl.bench.scenes.bake import bench_bake, plot
 from scenectl.bench.scenes.peers import OURS, TOOLS, Cube, Run, timed
 from scenes.errors import UserError
@@ -103,9 +103,9 @@ def test_a_tool_that_takes_too_long_or_fails_says_so(tmp_path: Path) -> None:
 # -------------------------------------------------------------------------------------------------------- comparison
 
 
-def test_tools_take_turns_and_medians_are_kept(box_file: str, in_process: list[str]) -> None:
-    kept: list[dict[str, Any]] = []
-    result = bench_bake([box_file], [OURS, "open3d"], 24, runs=3, keep=lambda found: kept.append(json.dumps(found)))
+def test_tools_take_turns_and_medians_are_kept(box_file: str, in_process: list[str], tmp_path: Path) -> None:
+    engine = Engine(file=tmp_path / "bake.json")
+    result = bench_bake([box_file], [OURS, "open3d"], 24, runs=3, engine=engine)
     assert in_process == [OURS, "open3d"] * 3
     ours, other = result["rows"]
     assert (ours["cpu_s"], other["cpu_s"]) == (3.0, 4.0)  # medians of 1 3 5 and 2 4 6
@@ -116,8 +116,9 @@ def test_tools_take_turns_and_medians_are_kept(box_file: str, in_process: list[s
     assert summary["sign_errors_closed"] == summary["impossible_flips_closed"] == 0
     assert summary["near_error_voxels"] == ours["near_error_voxels"]
     assert set(summary["tools"]) == {OURS, "open3d"}
-    assert len(kept) == 3 and json.loads(kept[-1]) == result
-    assert json.loads(kept[0])["rows"][0]["runs"] == 1
+    assert json.loads(json.dumps(result)) == result
+    assert bench_bake([box_file], [OURS, "open3d"], 24, runs=3, engine=engine) == result  # rows are kept
+    assert len(in_process) == 6
 
 
 def test_inaccurate_tools_are_no_measure(box_file: str, in_process: list[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,6 +58,7 @@ def test_rows_and_summary(tmp_path: Path) -> None:
 def test_fresh_processes_measure_each_by_itself_and_the_least_counts() -> None:
     result = bench_query("pillars", resolution=16, repeats=1, counts=(50,), processes=2)
     summary, rows = result["summary"], result["rows"]
+    assert [row["method"] for row in rows] == 2 * ["scenectl", "grid_sample"]
     assert {row["process"] for row in rows} == {1, 2} and summary["processes"] == 2 and summary["threads"] == 1
     each = [float(ratio) for ratio in summary["speedup_50_each"].split(", ")]
     assert len(each) == 2 and summary["speedup_50"] == pytest.approx(min(each), abs=0.006)

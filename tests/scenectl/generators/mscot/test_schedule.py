@@ -6,8 +6,7 @@ import math
 from fractions import Fraction
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from scenectl.generators.mscot.config import BASE_SCALES
 from scenectl.generators.mscot.schedule import DOWNSAMPLING, scale_lengths, tokens_for

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
 from scenes.mesh.mesh import Mesh, load_mesh
-from scenes.mesh.primitives import Box, csg
+from scenes.mesh.primitives import Box
 from scenes.world.floor.ground import find_floor
 
 

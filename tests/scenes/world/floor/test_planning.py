@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from scenes.errors import UserError
-from scenes.mesh.primitives import Box, Capsule, Cylinder, csg
+from scenes.mesh.csg import csg
+from scenes.mesh.primitives import Box, Capsule, Cylinder
 from scenes.world.floor.planning import OPEN, SPACING, FreeArea, free_area
 from scenes.world.floor.polyline import path_length
 from scenes.world.scene import Scene
