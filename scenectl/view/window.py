@@ -22,9 +22,7 @@ def open_window(picture: Picture, show_slice: bool = False, show_signs: bool = F
     """Open a window with a time slider; s shows or hides the slice, c the clearances. Blocks until closed."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise UserError("there is no screen to open a window on; use --png FILE")
-    stage = open_stage(off_screen=False)
-    Window(picture, stage, show_slice, show_signs)
-    stage.show()
+    Window(picture, open_stage(off_screen=False), show_slice, show_signs).stage.show()
 
 
 class Window:
