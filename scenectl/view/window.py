@@ -89,5 +89,6 @@ class Window:
 
 
 def _between(left: float, right: float) -> Look:
-    """The look of a slider near the lower edge between two shares of the width."""
-    return {"pointa": (left, 0.08), "pointb": (right, 0.08), "color": "black"}
+    """The look of a slider between two shares of the width, near the upper edge: legends stand near the lower one."""
+    ends, thin = {"pointa": (left, 0.87), "pointb": (right, 0.87)}, {"slider_width": 0.02, "tube_width": 0.004}
+    return {"color": "black", "title_height": 0.02, **ends, **thin}
