@@ -32,5 +32,5 @@ from objectives.tracks import (
     Sinusoid as Sinusoid,
     Track as Track,
     TrackBase as TrackBase,
-    Waypoints as Waypoints,
+    WaypointTrack as WaypointTrack,
 )

@@ -71,7 +71,7 @@ class _Timed(TrackBase):
         return self.times
 
 
-class Waypoints(TrackBase):
+class WaypointTrack(TrackBase):
     """Straight from waypoint to waypoint.
 
     Attributes:
@@ -84,7 +84,7 @@ class Waypoints(TrackBase):
     positions: list[Point]
 
     @model_validator(mode="after")
-    def _matching(self) -> Waypoints:
+    def _matching(self) -> WaypointTrack:
         if len(self.times) != len(self.positions) or not self.times:
             raise UserError(
                 f"track has {len(self.times)} times for {len(self.positions)} positions; state one for each"
@@ -268,7 +268,7 @@ def _samples(source: str, positions: np.ndarray, mask: np.ndarray | None) -> tup
     return np.where(stated[..., None], points, 0.0), stated
 
 
-Track = Annotated[Waypoints | Line | Arc | Sinusoid | ArrayTrack, Field(discriminator="kind")]
+Track = Annotated[WaypointTrack | Line | Arc | Sinusoid | ArrayTrack, Field(discriminator="kind")]
 """Any of the tracks."""
 
 

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+from functools import wraps
 from pathlib import Path
+from typing import Any
 
-from scenectl.generators.base import Generator, Progress
 from scenectl.pipeline import run as pipeline
 from scenectl.pipeline.results import Result
-from scenectl.tasks.task import Task
-from scenes.motion.motion import Motion
 
 
-def run(
-    task: Task,
-    samples: int | None = None,
-    seed: int | None = None,
-    generator: Generator | None = None,
-    progress: Progress | None = None,
-) -> Result:
-    """Make motions for a task, the best first; see `scenectl.pipeline.run.run`."""
-    return pipeline.run(task, samples, seed, generator, progress, drawer=draw)
+@wraps(pipeline.run)
+def run(*given: Any, **named: Any) -> Result:
+    """`scenectl.pipeline.run.run`, whose results draw a preview."""
+    return pipeline.run(*given, **{"drawer": draw, **named})
 
 
-def score(motion: Motion, task: Task, progress: Progress | None = None) -> Result:
-    """Report on finished motions; see `scenectl.pipeline.run.score`."""
-    return pipeline.score(motion, task, progress, drawer=draw)
+@wraps(pipeline.score)
+def score(*given: Any, **named: Any) -> Result:
+    """`scenectl.pipeline.run.score`, whose results draw a preview."""
+    return pipeline.score(*given, **{"drawer": draw, **named})
 
 
 def draw(result: Result, png: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 import time
@@ -41,10 +42,16 @@ def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
         raise
 
 
-def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:
+def write_json(value: Any, path: str | Path, **settings: Any) -> None:
+    """Write JSON; the file is whole or absent."""
+    with atomic_write(path, "w") as file:
+        json.dump(value, file, indent=1, **settings)
+
+
+def read_arrays(path: str | Path, what: str, build: Callable[[Any], T], remedy: str = "bake again") -> T:
     """``build(arrays)`` of an .npz file; raises UserError where there is none or `build` finds it unsound.
 
-    `what` names the content, such as "distance grid". Nothing that is pickled is read.
+    `what` names the content, such as "distance grid", and `remedy` says what to do. Nothing that is pickled is read.
     """
     path = Path(path)
     if not path.is_file():
@@ -53,7 +60,32 @@ def read_arrays(path: str | Path, what: str, build: Callable[[Any], T]) -> T:
         with np.load(path, allow_pickle=False) as data:
             return build(data)
     except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); bake again") from error
+        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); {remedy}") from error
+
+
+def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarray:
+    """The finite numbers of an .npy file, as float32; nothing that is pickled is read.
+
+    Args:
+        path: the file.
+        what: names the content, such as "HumanML3D file".
+        layout: its axes, such as "[T, 263]"; their number is checked.
+        hint: what to do where it is damaged.
+
+    Raises:
+        UserError: there is no such file, or it holds something else.
+    """
+    try:
+        array = np.load(path, allow_pickle=False)
+    except FileNotFoundError:
+        raise UserError(f"{what} '{path}' does not exist; {hint}") from None
+    except (OSError, ValueError, EOFError) as error:
+        raise UserError(f"{what} '{path}' is not a NumPy array ({error}); {hint}") from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind != "f" or array.ndim != len(layout.split(",")):
+        raise UserError(f"{what} '{path}' is not an array of {layout} floats; {hint}")
+    if not np.isfinite(array).all():
+        raise UserError(f"{what} '{path}' holds numbers that are not finite; {hint}")
+    return array.astype(np.float32)
 
 
 def clear_stale(folder: Path, seconds: float = 3600.0) -> None:

@@ -36,10 +36,10 @@ def test_write_a_goal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFix
 
 
 def test_run_a_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    from scenectl.generators.mscot.bundle import load_bundle
+    from scenectl.generators import load_generator
 
     try:
-        load_bundle("default")
+        load_generator()
     except UserError as error:
         pytest.skip(f"needs the shipped weights: {error}")
     task = tmp_path / "task.toml"
@@ -61,10 +61,10 @@ def test_the_cart_is_what_its_script_makes(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_the_cart_is_let_pass() -> None:
     import scenectl as sc
-    from scenectl.generators.mscot.bundle import load_bundle
+    from scenectl.generators import load_generator
 
     try:
-        load_bundle("default")
+        load_generator()
     except UserError as error:
         pytest.skip(f"needs the shipped weights: {error}")
     best = sc.run(sc.load_task(EXAMPLES / "tasks" / "crossing_cart.toml"), samples=1).samples[0]

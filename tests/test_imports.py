@@ -24,6 +24,7 @@ ROOMS = {
     "scenes": [
         "errors",
         "validation",
+        "numbers",
         "files",
         "kernels",
         "motion",

@@ -95,13 +95,11 @@ def _counted(
         if name not in owners:
             raise UserError(f"no part of the body belongs to joint '{name}'{did_you_mean(name, owners)}")
     everything = not exempt and windows is not None
-    points = torch.tensor([everything or owner in exempt for owner in owners])
-    frames = torch.ones(motion.frames, dtype=torch.bool)
-    if windows is not None:
-        frames = torch.zeros(motion.frames, dtype=torch.bool)
-        for window in windows:
-            frames |= within(motion, window).cpu()
-    return ~(frames[:, None] & points).to(motion.joints.device)
+    points = torch.tensor([everything or owner in exempt for owner in owners], device=motion.joints.device)
+    frames = torch.full_like(motion.times, windows is None, dtype=torch.bool)
+    for window in windows or ():
+        frames |= within(motion, window)
+    return ~(frames[:, None] & points)
 
 
 @goal(unit="m", kernel="linear", reduction="mean", tolerance=0.05)

@@ -33,7 +33,9 @@ def bake(
         from scenes.world.named import named_scene
 
     begin = time.perf_counter()
-    found = named_scene(scene, unit, up, resolution, _free_space(free_space), thickness, spacing)
+    found = named_scene(
+        scene, unit, up, resolution=resolution, free_space=_free_space(free_space), thickness=thickness, spacing=spacing
+    )
     with err.status("baking"):
         grids = [result.grid for result in found.bakes]
     _show_bake(found)

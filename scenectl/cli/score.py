@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import bars, literal, out, table, write_json
+from scenectl.console.console import bars, literal, out, table
 from scenectl.console.options import AllowCode, MotionFile, TaskFile, allow
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def score(
     with importing():
         from scenectl.pipeline.run import score as judge
         from scenectl.tasks.task import load_task
+        from scenes.files import write_json
         from scenes.motion.motion import Motion
 
     allow(allow_code)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -77,17 +76,11 @@ def show(result: Mapping[str, Any], json_file: Path | None = None, columns: Sequ
 
 def keep(result: Mapping[str, Any], json_file: Path | None) -> None:
     """Write a result as JSON and say so, where a file is given."""
+    from scenes.files import write_json  # numpy, which help needs not import
+
     if json_file is not None:
         write_json(result, json_file)
         out.print(f"wrote {json_file}")
-
-
-def write_json(value: Mapping[str, Any], path: Path, **settings: Any) -> None:
-    """Write JSON; the file is whole or absent."""
-    from scenes.files import atomic_write
-
-    with atomic_write(path, "w") as file:
-        json.dump(value, file, indent=1, **settings)
 
 
 def cell(value: Any) -> str:

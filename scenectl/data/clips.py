@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.torch import save
 from torch import Tensor
 
 from scenectl.data.augment import Augmentation, augmented
@@ -22,6 +22,7 @@ from scenectl.data.corpus import CREDITS, Clip, load_motions
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenectl.data.kinds import kind_of
 from scenes.errors import UserError
+from scenes.files import atomic_write
 
 _FORMAT = 7
 """Raised whenever prepared data must be made again."""
@@ -53,6 +54,12 @@ class ClipSet:
     ids: list[str]
     licences: list[str]
     commercial: list[bool]
+
+    @classmethod
+    def of(cls, features: Sequence[Float[Tensor, "_T 263"]], **columns: Any) -> ClipSet:
+        """Clips with what stands in every other attribute, by its name."""
+        starts = torch.tensor([0, *map(len, features)]).cumsum(0)
+        return cls(torch.cat(list(features)), starts, **columns)
 
     @cached_property
     def lengths(self) -> Int[Tensor, " C"]:
@@ -155,8 +162,7 @@ def prepare(
 
 
 def _store(clips: Sequence[Clip], path: Path) -> None:
-    features = [joints_to_features(clip.joints).numpy() for clip in clips]
-    about = {
+    about: dict[str, Any] = {
         "captions": [list(clip.captions) for clip in clips],
         "groups": [kind_of(clip) for clip in clips],
         "sources": [clip.source for clip in clips],
@@ -164,14 +170,10 @@ def _store(clips: Sequence[Clip], path: Path) -> None:
         "licences": [clip.licence for clip in clips],
         "commercial": [clip.commercial_ok for clip in clips],
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")
-    arrays = {
-        "features": np.concatenate(features).astype(np.float32),
-        "starts": np.cumsum([0] + [len(f) for f in features]).astype(np.int64),
-    }
-    save_file(arrays, temporary, metadata={"about": json.dumps(about)})
-    temporary.replace(path)
+    made = ClipSet.of([joints_to_features(clip.joints) for clip in clips], **about)
+    arrays = {"features": made.features.float(), "starts": made.starts}
+    with atomic_write(path) as file:
+        file.write(save(arrays, metadata={"about": json.dumps(about)}))
 
 
 def _load(path: Path) -> ClipSet:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,8 @@ CREDITS = {
 """What the sources ask to be said wherever something made from them is shipped."""
 
 _SWAP = {"left": "right", "right": "left", "clockwise": "counterclockwise", "counterclockwise": "clockwise"}
+_SIDES = re.compile(rf"(?<![^ ])({'|'.join(_SWAP)})(?=[.,;:!]*(?: |\Z))")
+"""Those words, with punctuation behind them or without."""
 
 
 @dataclass(frozen=True)
@@ -125,20 +128,9 @@ def _has_spike(joints: Float[Tensor, "T 22 3"]) -> bool:
 
 def mirrored(clip: Clip) -> Clip:
     """The clip by a person whose sides are exchanged, captions included."""
-    captions = tuple(" ".join(_SWAP.get(word, word) for word in text.split(" ")) for text in clip.captions)
-    swapped = tuple(_swap_punctuated(text) for text in captions)
+    captions = tuple(_SIDES.sub(lambda word: _SWAP[word[0]], text) for text in clip.captions)
     label = "-".join(_SWAP.get(part, part) for part in clip.label.split("-"))
-    return replace(clip, id=f"{clip.id}~m", joints=canonicalise(mirror(clip.joints)), captions=swapped, label=label)
-
-
-def _swap_punctuated(text: str) -> str:
-    """Swap words that carry punctuation ("left."), which the plain pass leaves alone."""
-    words = text.split(" ")
-    out = []
-    for word in words:
-        bare = word.rstrip(".,;:!")
-        out.append(_SWAP[bare] + word[len(bare) :] if bare != word and bare in _SWAP else word)
-    return " ".join(out)
+    return replace(clip, id=f"{clip.id}~m", joints=canonicalise(mirror(clip.joints)), captions=captions, label=label)
 
 
 def bent(clip: Clip, curvature: float) -> Clip:

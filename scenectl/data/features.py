@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
@@ -89,24 +90,17 @@ def features_to_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T
 
     Only the features up to the joints' positions are read, the first 67; others may be missing.
     """
-    half_turns = _since_start(features[..., YAW].squeeze(-1))
+    half_turns = F.pad(features[..., YAW].squeeze(-1)[..., :-1].cumsum(-1), (1, 0))
     turn = rotation_about_y(-2 * half_turns)
-    step = features[..., ROOT_VELOCITY]
-    step = torch.stack([step[..., 0], torch.zeros_like(step[..., 0]), step[..., 1]], dim=-1)
+    x, z = features[..., ROOT_VELOCITY][..., :-1, :].unbind(-1)
     # The displacement in row t-1 is seen from the heading of frame t, hence the shift by one.
-    moved = rotated(turn[..., 1:, :, :], step[..., :-1, :])
-    ground = torch.cat([torch.zeros_like(moved[..., :1, :]), moved.cumsum(-2)], dim=-2)
+    moved = rotated(turn[..., 1:, :, :], torch.stack([x, torch.zeros_like(x), z], dim=-1))
+    ground = F.pad(moved.cumsum(-2), (0, 0, 1, 0))
     local = features[..., POSITIONS].unflatten(-1, (JOINTS - 1, 3))
     others = rotated(turn[..., None, :, :], local) + ground[..., None, :]
     up = features.new_tensor([0.0, 1.0, 0.0])
     root = ground + features[..., ROOT_HEIGHT] * up
     return torch.cat([root[..., None, :], others], dim=-2)
-
-
-def _since_start(rate: Float[Tensor, "*b T"]) -> Float[Tensor, "*b T"]:
-    """Sum over all earlier frames: 0 at the first."""
-    total = rate[..., :-1].cumsum(-1)
-    return torch.cat([torch.zeros_like(rate[..., :1]), total], dim=-1)
 
 
 def canonicalise(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T 22 3"]:

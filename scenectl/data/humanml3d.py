@@ -19,6 +19,7 @@ from torch import Tensor
 
 from scenectl.data.features import FEATURES, FPS
 from scenes.errors import UserError, did_you_mean
+from scenes.files import read_array
 
 SPLITS = ("train", "val", "test")
 LICENCE = "HumanML3D (MIT) on AMASS (non-commercial research)"
@@ -172,17 +173,8 @@ def _caption(line: str, where: str) -> Caption:
 
 def _rows(path: Path) -> np.ndarray:
     """A float32 array ``[T, 263]``."""
-    try:
-        array = np.load(path, allow_pickle=False)
-    except FileNotFoundError:
-        raise UserError(f"HumanML3D file '{path}' does not exist") from None
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"HumanML3D file '{path}' is not a NumPy array ({error})") from error
-    if not isinstance(array, np.ndarray) or array.ndim != 2 or array.dtype.kind != "f":
-        raise UserError(f"HumanML3D file '{path}' is not an array of [T, 263] floats")
+    array = read_array(path, "HumanML3D file", "[T, 263]", "make it again, or leave its id out of the split list")
     if array.shape[-1] != FEATURES:
         hint = "; these look like KIT's" if array.shape[-1] == 251 else ""
         raise UserError(f"HumanML3D file '{path}' has {array.shape[-1]} features a frame instead of {FEATURES}{hint}")
-    if not np.isfinite(array).all():
-        raise UserError(f"HumanML3D file '{path}' holds values that are not finite; leave its id out of the split list")
-    return array.astype(np.float32)
+    return array

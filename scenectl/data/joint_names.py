@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from os.path import commonprefix
 
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.skeleton import HUMANML3D
@@ -31,6 +32,7 @@ _MIDDLE: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("head", ("head",)),
 )
 _PARTS = frozenset(part for _, parts in _LIMBS for part in parts)
+_SIDES = {"left": "left", "right": "right", "l": "left", "r": "right"}
 _SPINE = ("spine1", "spine2", "spine3")
 
 DERIVED = ("spine1", "spine2", "spine3", "left_foot", "right_foot", "left_collar", "right_collar")
@@ -54,15 +56,15 @@ def match_joints(names: Sequence[str], stated: Mapping[str, str] | None = None) 
     keys: dict[tuple[str, str], int] = {}
     for index, key in enumerate(_reduce(names)):
         keys.setdefault(key, index)  # the one nearest to the root
-    for side in ("left", "right"):
-        for joint, parts in _LIMBS:
-            _take(found, keys, f"{side}_{joint}", [(side, part) for part in parts])
-    for joint, parts in _MIDDLE:
-        _take(found, keys, joint, [("", part) for part in parts])
+    wanted = [(f"{side}_{joint}", side, parts) for side in ("left", "right") for joint, parts in _LIMBS]
+    wanted += [(joint, "", parts) for joint, parts in _MIDDLE]
     # SMPL's spine names mean exactly our joints; elsewhere 'Spine1' is just the second of some number of them.
     if all(("", part) in keys for part in _SPINE) and ("", "spine") not in keys:
-        for joint in _SPINE:
-            _take(found, keys, joint, [("", joint)])
+        wanted += [(joint, "", (joint,)) for joint in _SPINE]
+    for joint, side, parts in wanted:
+        free = [keys[side, part] for part in parts if (side, part) in keys and keys[side, part] not in found.values()]
+        if joint not in found and free:
+            found[joint] = free[0]
     missing = [name for name in HUMANML3D.names if name not in found and name not in DERIVED]
     if missing:
         raise UserError(
@@ -82,33 +84,21 @@ def _stated(names: Sequence[str], stated: Mapping[str, str]) -> dict[str, int]:
     return found
 
 
-def _take(found: dict[str, int], keys: dict[tuple[str, str], int], joint: str, options: list[tuple[str, str]]) -> None:
-    taken = set(found.values())
-    for option in options:
-        if joint not in found and option in keys and keys[option] not in taken:
-            found[joint] = keys[option]
-
-
 def _reduce(names: Sequence[str]) -> list[tuple[str, str]]:
     """(side, part) of each name; side is "left", "right" or ""."""
     # 'mixamorig:Hips', 'Model_Hips' and 'Bip01 Spine' carry a prefix that all joints share
-    first, last = min(map(str.lower, names)), max(map(str.lower, names))
-    shared = 0
-    while len(names) > 1 and shared < len(first) and first[shared] == last[shared]:
-        shared += 1  # names in order: what the first and the last share, all share
+    shared = len(commonprefix([name.lower() for name in names])) if len(names) > 1 else 0  # noqa: RUF071 - letters are meant
     return [_side_and_part(name[shared:].rpartition(":")[2]) for name in names]
 
 
 def _side_and_part(name: str) -> tuple[str, str]:
     words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
-    side = ""
-    for word, meaning in (("left", "left"), ("right", "right"), ("l", "left"), ("r", "right")):
-        if not side and word in words:
+    for word, side in _SIDES.items():
+        if word in words:
             words.remove(word)
-            side = meaning
+            return side, "".join(words)
     part = "".join(words)
-    if not side:  # written together, as in 'lefthip' and 'lfemur'
-        for start, meaning in (("left", "left"), ("right", "right"), ("l", "left"), ("r", "right")):
-            if not side and part.startswith(start) and part[len(start) :] in _PARTS:
-                side, part = meaning, part[len(start) :]
-    return side, part
+    for start, side in _SIDES.items():  # written together, as in 'lefthip' and 'lfemur'
+        if part.startswith(start) and part.removeprefix(start) in _PARTS:
+            return side, part.removeprefix(start)
+    return "", part

@@ -17,12 +17,14 @@ from torch import Tensor
 
 from scenectl.data.corpus import Clip
 from scenectl.data.features import FPS, to_uniform_skeleton
+from scenes.motion.headings import across
+from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 
-_INDEX = {name: i for i, name in enumerate(HUMANML3D.names)}
-_LEGS = [[_INDEX[f"{side}_{part}"] for part in ("hip", "knee", "ankle", "foot")] for side in ("left", "right")]
-_ARMS = {side: [_INDEX[f"{side}_{part}"] for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")}
-_SPINE = [_INDEX[name] for name in ("pelvis", "spine1", "spine2")]
+_SIDES = ("left", "right")
+_LEGS = [HUMANML3D.indices([f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot")]) for side in _SIDES]
+_ARMS = {side: HUMANML3D.indices([f"{side}_{part}" for part in ("shoulder", "elbow", "wrist")]) for side in _SIDES}
+_SPINE, _NECK = HUMANML3D.indices(("pelvis", "spine1", "spine2")), HUMANML3D.index("neck")
 _STRAIGHT = 0.998
 """Largest share of a limb's length that an edit stretches it to."""
 _SUNK = 0.005
@@ -53,7 +55,7 @@ def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
     travel, sideways = float(pelvis[-1, 2] - pelvis[0, 2]), float(pelvis[:, 0].abs().max())
     if travel < 1.0 or sideways > 0.35 * travel:
         return None
-    angle, side = draw.uniform(0.5, math.pi / 2), draw.choice(["left", "right"])
+    angle, side = draw.uniform(0.5, math.pi / 2), draw.choice(_SIDES)
     # The more sideways, the shorter: long steps would cross the legs.
     stride = 1.0 - 0.65 * math.sin(angle) ** 2
     across = stride * math.sin(angle) * (1.0 if side == "left" else -1.0)
@@ -67,10 +69,8 @@ def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
 
 def reaching(clip: Clip, draw: random.Random) -> Clip | None:
     """The clip with one hand stretched out to something for a moment."""
-    side, (height, where) = (
-        draw.choice(["left", "right"]),
-        draw.choice([(-0.35, "down"), (0.0, "forward"), (0.45, "up")]),
-    )
+    side = draw.choice(_SIDES)
+    height, where = draw.choice([(-0.35, "down"), (0.0, "forward"), (0.45, "up")])
     envelope = _bump(clip.joints, draw, hold=(0.3, 1.0))
     if envelope is None:
         return None
@@ -118,8 +118,7 @@ def _lowered(
 
 def _axes(joints: Float[Tensor, "T 22 3"]) -> tuple[Float[Tensor, "T 3"], Float[Tensor, "T 3"]]:
     """Level unit vectors to the person's left and forward, by hips and shoulders."""
-    pairs = [(_INDEX["left_hip"], _INDEX["right_hip"]), (_INDEX["left_shoulder"], _INDEX["right_shoulder"])]
-    left = sum((joints[:, a] - joints[:, b] for a, b in pairs), joints.new_zeros(len(joints), 3))
+    left = across(Motion(joints))
     left = left * left.new_tensor([1.0, 0.0, 1.0])
     left = left / left.norm(dim=-1, keepdim=True).clamp_min(1e-6)
     return left, torch.linalg.cross(left, left.new_tensor([[0.0, 1.0, 0.0]]).expand_as(left))
@@ -132,7 +131,7 @@ def _pitched(
     joints = joints.clone()
     for pivot in _SPINE:
         _rotate(joints, pivot, _above(pivot), left, pitch / len(_SPINE))
-    _rotate(joints, _INDEX["neck"], _above(_INDEX["neck"]), left, -0.6 * pitch)
+    _rotate(joints, _NECK, _above(_NECK), left, -0.6 * pitch)
     for arm in _ARMS.values():
         _rotate(joints, arm[0], _above(arm[0]), left, -0.8 * pitch)
     return joints

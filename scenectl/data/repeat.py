@@ -11,7 +11,7 @@ from torch import Tensor
 
 from scenectl.data.corpus import Clip
 from scenectl.data.features import canonicalise, smoothed_heading, to_uniform_skeleton
-from scenes.motion.headings import rotation_about_y
+from scenes.motion.headings import turned
 
 SHORTEST_LOOP = 12
 """Frames of a loop at least; half a second holds a running stride."""
@@ -37,8 +37,7 @@ def repeated(clip: Clip, draw: random.Random, frames: tuple[int, int] = (120, 20
     rounds = max(1, round((wanted - clip.frames) / (last - first)))
     for i in range(rounds):
         piece = joints[first : last + 1] if i + 1 < rounds else joints[first:]
-        turn = rotation_about_y(joints.new_tensor(facing - float(heading[first])))
-        placed = _continued(piece, at, turn)
+        placed = _continued(piece, at, joints.new_tensor(facing - float(heading[first])))
         out = torch.cat([out, placed[:-1] if i + 1 < rounds else placed])
         at, facing = placed[-1], facing + float(heading[last]) - float(heading[first])
     return replace(clip, id=f"{clip.id}~repeat", joints=canonicalise(to_uniform_skeleton(out)))
@@ -48,9 +47,8 @@ def _loop(joints: Float[Tensor, "T 22 3"]) -> tuple[int, int] | None:
     """First and last frame of the loop that closes best; beginnings in the first half, ends in the second."""
     heading = smoothed_heading(joints)
     ground = joints[:, :1] * joints.new_tensor([1.0, 0.0, 1.0])
-    unturn = rotation_about_y(-heading)[:, None]
-    pose = (unturn @ (joints - ground)[..., None])[..., 0]
-    velocity = (unturn[:-1] @ joints.diff(dim=0)[..., None])[..., 0]
+    pose = turned(joints - ground, -heading[:, None])
+    velocity = turned(joints.diff(dim=0), -heading[:-1, None])
     half, frames = (len(joints) - 1) // 2, len(joints) - 1
     if half < 1 or frames - half < 1:
         return None
@@ -64,9 +62,9 @@ def _loop(joints: Float[Tensor, "T 22 3"]) -> tuple[int, int] | None:
     return (begin, half + end) if float(distance.flatten()[best]) < ALIKE else None
 
 
-def _continued(piece: Float[Tensor, "N 22 3"], at: Float[Tensor, "22 3"], turn: Float[Tensor, "3 3"]) -> Tensor:
+def _continued(piece: Float[Tensor, "N 22 3"], at: Float[Tensor, "22 3"], turn: Float[Tensor, ""]) -> Tensor:
     """The piece moved so that it begins in the pose `at`: rigidly, but for an offset that dies out."""
     floor = piece.new_tensor([1.0, 0.0, 1.0])
-    placed = (turn @ (piece - piece[0, 0] * floor)[..., None])[..., 0] + at[0] * floor
+    placed = turned(piece - piece[0, 0] * floor, turn) + at[0] * floor
     rest = (1 - torch.arange(len(piece), device=piece.device) / BLEND).clamp_min(0.0)
     return placed + (3 * rest**2 - 2 * rest**3)[:, None, None] * (at - placed[0])

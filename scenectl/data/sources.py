@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import torch
-
 from scenectl.data.augment import Augmentation
 from scenectl.data.clips import ClipSet, prepare
 from scenectl.data.humanml3d import LICENCE, SPLITS, FeatureClip, HumanML3D
@@ -70,11 +68,9 @@ def load_clips(
 
 
 def _joined(clips: Sequence[FeatureClip]) -> ClipSet:
-    lengths = torch.tensor([0, *(len(clip.features) for clip in clips)])
     count = len(clips)
-    return ClipSet(
-        features=torch.cat([clip.features for clip in clips]),
-        starts=lengths.cumsum(0),
+    return ClipSet.of(
+        [clip.features for clip in clips],
         captions=[[caption.text.lower().strip() for caption in clip.captions] for clip in clips],
         groups=["humanml3d"] * count,
         sources=["humanml3d"] * count,

@@ -9,14 +9,13 @@ from pathlib import Path
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 from torch import Tensor, nn
 
 from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
-from scenectl.networks.checkpoint import load_weights, read_about
+from scenectl.networks.checkpoint import load_network
 from scenectl.networks.text import TextEncoder, load_text_encoder
-from scenes.errors import UserError
 
 FILE = "contrastive.safetensors"
 ALIKE = 0.9
@@ -93,10 +92,5 @@ def load_contrastive(folder: str | Path = SHIPPED) -> ContrastiveEvaluator:
         UserError: weights are missing, damaged, or of another network.
     """
     path = Path(folder) / FILE
-    try:
-        config = ContrastiveConfig.model_validate(read_about(path)["config"])
-    except (KeyError, ValidationError) as error:
-        raise UserError(f"weights '{path}' describe no evaluator; train it again or name another folder") from error
-    model = Contrastive(config)
-    load_weights(model, path)
-    return ContrastiveEvaluator(model, load_text_encoder(config.text))
+    model = load_network(path, lambda config: Contrastive(ContrastiveConfig.model_validate(config)), "evaluator")
+    return ContrastiveEvaluator(model, load_text_encoder(model.config.text))

@@ -16,12 +16,13 @@ EVALUATORS = ("own", "guo")
 
 @runtime_checkable
 class Evaluator(Protocol):
-    """Texts and motions as points of one space. Figures of different evaluators cannot be compared."""
+    """Texts and motions as points of one space. Figures of different evaluators cannot be compared.
 
-    @property
-    def name(self) -> str:
-        """Stands in every table."""
-        ...
+    Attributes:
+        name: stands in every table.
+    """
+
+    name: str
 
     def embed_motions(self, motions: Sequence[Float[Tensor, "_T 263"]]) -> Float[Tensor, "N d"]:
         """One point for each motion, given as raw features."""

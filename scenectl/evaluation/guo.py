@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -23,7 +24,7 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pack_padded_sequence, pad_sequence
 
 from scenectl.data.features import CONTACTS, FEATURES, GROUPS, POSITIONS, ROTATIONS, VELOCITIES
-from scenectl.evaluation.guo_text import CLASSES, WORD, Vocabulary, read_array, read_tagged, tokens_of
+from scenectl.evaluation.guo_text import CLASSES, WORD, Vocabulary, read_floats, read_tagged, tokens_of
 from scenectl.evaluation.motions import LONGEST, STRIDE, Padded
 from scenes.errors import UserError
 
@@ -98,21 +99,16 @@ class GuoNetwork(nn.Module):
         self.text_encoder = TextEncoder()
 
 
+@dataclass
 class GuoEvaluator:
-    """The network, its normalisation and its words as an `Evaluator`."""
+    """The frozen network, its normalisation and its words as an `Evaluator`."""
 
-    name = "Guo et al. (2022), public weights"
-
-    def __init__(
-        self,
-        network: GuoNetwork,
-        mean: Float[Tensor, "263"],
-        std: Float[Tensor, "263"],
-        vocabulary: Vocabulary,
-        tagged: dict[str, tuple[str, ...]],
-    ) -> None:
-        self.network, self.mean, self.std = network.eval().requires_grad_(False), mean, std
-        self.vocabulary, self.tagged = vocabulary, tagged
+    network: GuoNetwork
+    mean: Float[Tensor, "263"]
+    std: Float[Tensor, "263"]
+    vocabulary: Vocabulary
+    tagged: dict[str, tuple[str, ...]]
+    name: str = "Guo et al. (2022), public weights"
 
     def embed_motions(self, motions: Sequence[Float[Tensor, "_T 263"]]) -> Float[Tensor, "N 512"]:
         """One point for each motion of raw features, of at least four frames; longer ones are cut at 196.
@@ -146,9 +142,9 @@ def load_guo(folder: str | Path) -> GuoEvaluator:
         UserError: a file is missing, damaged, of another network, or the normalisation is not the evaluator's.
     """
     folder = Path(folder)
-    mean, std = (read_array(folder / f"t2m_{name}.npy", (FEATURES,)) for name in ("mean", "std"))
+    mean, std = (read_floats(folder / f"t2m_{name}.npy", FEATURES, "[263]") for name in ("mean", "std"))
     check_normalisation(std, folder / "t2m_std.npy")
-    network = GuoNetwork()
+    network = GuoNetwork().eval().requires_grad_(False)
     _fill(network, folder / "finest.tar")
     return GuoEvaluator(network, mean, std, Vocabulary.read(folder), read_tagged(folder / "texts"))
 

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenectl.data.humanml3d import read_captions
 from scenes.errors import UserError
+from scenes.files import read_array
 
 WORD = 300
 MOST_WORDS = 20
@@ -66,7 +66,7 @@ class Vocabulary:
             UserError: a file is missing or damaged, or they do not belong together.
         """
         words = folder / "our_vab_words.txt"
-        vectors = read_array(folder / "our_vab_data.npy", (None, WORD))
+        vectors = read_floats(folder / "our_vab_data.npy", WORD, "[V, 300]")
         try:
             names = words.read_text(encoding="utf-8").splitlines()
         except FileNotFoundError:
@@ -83,16 +83,11 @@ class Vocabulary:
 
     def read_tokens(self, tokens: Sequence[str]) -> tuple[Float[Tensor, "L 300"], Int[Tensor, " L"]]:
         """Vectors and classes of tokens ``walk/VERB``, with the start and the end around the first 20 of them."""
-        pairs = [(_START, "OTHER"), *map(_split, tokens[:MOST_WORDS]), (_END, "OTHER")]
+        pairs = [(_START, "OTHER"), *(token.rpartition("/")[::2] for token in tokens[:MOST_WORDS]), (_END, "OTHER")]
         known = [(word, tag) if word in self.rows else (_UNKNOWN, "OTHER") for word, tag in pairs]
         classes = [_LISTED.get(word, tag if tag in CLASSES else "OTHER") for word, tag in known]
         rows = torch.tensor([self.rows[word] for word, _ in known])
         return self.vectors[rows], torch.tensor([CLASSES.index(name) for name in classes])
-
-
-def _split(token: str) -> tuple[str, str]:
-    word, _, tag = token.rpartition("/")
-    return word, tag
 
 
 def read_tagged(folder: Path) -> dict[str, tuple[str, ...]]:
@@ -122,21 +117,13 @@ def tokens_of(caption: str, tagged: dict[str, tuple[str, ...]]) -> tuple[str, ..
     return found
 
 
-def read_array(path: Path, shape: tuple[int | None, ...]) -> Tensor:
-    """An array of finite floats of a shape, None standing for any size; never a pickle.
+def read_floats(path: Path, size: int, layout: str) -> Tensor:
+    """An array of finite floats whose last axis has a size.
 
     Raises:
         UserError: it is missing, damaged or something else.
     """
-    try:
-        array = np.load(path, allow_pickle=False)
-    except FileNotFoundError:
-        raise UserError(f"file '{path}' does not exist; the evaluator of Guo et al. needs it") from None
-    except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"file '{path}' is not a NumPy array ({error})") from error
-    fits = isinstance(array, np.ndarray) and array.dtype.kind == "f" and array.ndim == len(shape)
-    if not fits or any(w not in (None, n) for w, n in zip(shape, array.shape, strict=True)):
-        raise UserError(f"file '{path}' is not an array of {shape} floats; it is not the evaluator's")
-    if not np.isfinite(array).all():
-        raise UserError(f"file '{path}' holds numbers that are not finite; fetch it again")
-    return torch.from_numpy(array.astype(np.float32))
+    array = read_array(path, "file", layout, "fetch it again, for the evaluator of Guo et al. needs it")
+    if array.shape[-1] != size:
+        raise UserError(f"file '{path}' is not an array of {layout} floats; it is not the evaluator's")
+    return torch.from_numpy(array)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +10,11 @@ from pathlib import Path
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
-from pydantic import ValidationError
 from torch import Tensor, nn
 
 from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
-from scenectl.networks.checkpoint import load_weights, read_about
-from scenes.errors import UserError
+from scenectl.networks.checkpoint import load_network
 
 FILE = "kinds.safetensors"
 ENOUGH = 5
@@ -63,11 +62,8 @@ class Confusion:
     def of(cls, true: Sequence[str], predicted: Sequence[str]) -> Confusion:
         """Count pairs; kinds are all that occur on either side, in alphabetical order."""
         kinds = sorted({*true, *predicted})
-        place = {kind: i for i, kind in enumerate(kinds)}
-        counts = torch.zeros(len(kinds), len(kinds), dtype=torch.long)
-        for t, p in zip(true, predicted, strict=True):
-            counts[place[t], place[p]] += 1
-        return cls(tuple(kinds), counts)
+        pairs = Counter(zip(true, predicted, strict=True))
+        return cls(tuple(kinds), torch.tensor([[pairs[t, p] for p in kinds] for t in kinds]))
 
     def recall(self, enough: int = ENOUGH) -> dict[str, float]:
         """Share of each kind that was recognised, for kinds with enough clips."""
@@ -89,12 +85,4 @@ def load_classifier(folder: str | Path = SHIPPED) -> KindClassifier:
     Raises:
         UserError: weights are missing, damaged, or of another network.
     """
-    path = Path(folder) / FILE
-    try:
-        config = read_about(path)["config"]
-        model = KindClassifier(**config)
-    except (KeyError, TypeError, ValidationError) as error:
-        raise UserError(f"weights '{path}' describe no classifier; train it again or name another folder") from error
-    load_weights(model, path)
-    model.eval().requires_grad_(False)
-    return model
+    return load_network(Path(folder) / FILE, lambda config: KindClassifier(**config), "classifier")

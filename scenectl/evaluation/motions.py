@@ -15,8 +15,6 @@ from scenectl.data.features import FEATURES
 
 STRIDE = 4
 """Frames behind one step of the encoder's output; lengths are cut to multiples of it."""
-LONGEST = 196
-"""Frames of HumanML3D's longest motions; evaluators read no more."""
 
 SHORTEST, LONGEST = 36, 196
 """Frames of the motions that evaluations look at; longer ones are cut (HumanML3D's evaluators know up to 196)."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import torch
 from jaxtyping import Int
 from pydantic import BaseModel, ConfigDict
-from torch import Tensor, nn
+from torch import Tensor
 
 from scenectl.data.augment import Augmentation
 from scenectl.data.clips import ClipSet, prepare
@@ -91,13 +91,13 @@ class _Whole:
 
 
 class _Task(NamedTuple):
-    """A network to train: its file, its motion encoder, its description, and its loss on a batch of these clips."""
+    """A network to train: its file, its motion encoder, its description, and what its loss compares clips with."""
 
     file: str
-    model: nn.Module
+    model: Contrastive | KindClassifier
     encoder: MotionEncoder
     config: dict[str, Any]
-    loss: Callable[[Padded, Int[Tensor, " B"], torch.Generator], Tensor]
+    wanted: Callable[[Int[Tensor, " B"], torch.Generator], Tensor]
 
 
 def _contrastive(whole: _Whole, seed: int) -> _Task:
@@ -105,11 +105,8 @@ def _contrastive(whole: _Whole, seed: int) -> _Task:
     captions = Captions(whole.data, load_text_encoder(config.text))
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Contrastive(config)
-
-    def loss(batch: Padded, clips: Int[Tensor, " B"], draw: torch.Generator) -> Tensor:
-        return model.loss(batch, captions.draw(clips, draw).sentence)
-
-    return _Task(contrastive.FILE, model, model.motion, config.model_dump(mode="json"), loss)
+    about = config.model_dump(mode="json")
+    return _Task(contrastive.FILE, model, model.motion, about, lambda clips, draw: captions.draw(clips, draw).sentence)
 
 
 def _kinds(whole: _Whole, seed: int) -> _Task:
@@ -117,9 +114,7 @@ def _kinds(whole: _Whole, seed: int) -> _Task:
     wanted = torch.tensor([names.index(group) if group in names else -1 for group in whole.data.groups])
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = KindClassifier(names)
-    return _Task(
-        kinds.FILE, model, model.encoder, model.config, lambda batch, clips, _: model.loss(batch, wanted[clips])
-    )
+    return _Task(kinds.FILE, model, model.encoder, model.config, lambda clips, _: wanted[clips])
 
 
 def _train(task: _Task, whole: _Whole, settings: LoopSettings, folder: Path, seed: int) -> Loop:
@@ -130,7 +125,7 @@ def _train(task: _Task, whole: _Whole, settings: LoopSettings, folder: Path, see
 
     def step(_: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         batch, clips = whole.draw(settings.batch, generator)
-        return task.loss(batch, clips, generator), {}
+        return task.model.loss(batch, task.wanted(clips, generator)), {}
 
     loop.run(step)
     return loop

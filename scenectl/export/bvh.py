@@ -68,7 +68,7 @@ class BvhFile:
         A position channel replaces that component of the offset, as common tools have it.
         """
         frames = len(self.values)
-        places, turns, columns = [np.zeros((frames, 3))], [_unturned(frames)], iter(self.values.T)
+        places, turns, columns = [np.zeros((frames, 3))], [np.tile(np.eye(3), (frames, 1, 1))], iter(self.values.T)
         for parent, offset, channels in zip(self.parents, self.offsets, self.channels, strict=True):
             place, turn = np.tile(offset, (frames, 1)), turns[parent + 1]
             for channel, column in zip(channels, columns, strict=False):
@@ -181,11 +181,10 @@ def _axis_doubt(placed: Float[np.ndarray, "F 22 3"]) -> str:
 
 
 def _resample(joints: Float[np.ndarray, "F 22 3"], rate: float, fps: float) -> tuple[Float[np.ndarray, "G 22 3"], str]:
-    stride = round(rate / fps)
-    if len(joints) < 2 or (stride >= 1 and abs(rate / fps / stride - 1) < _RATE_SLACK):
-        return joints[
-            :: max(stride, 1)
-        ], f"{rate:.4g} fps, every {stride}. frame kept" if stride > 1 else f"{rate:.4g} fps"
+    stride = max(round(rate / fps), 1)
+    if len(joints) < 2 or abs(rate / fps / stride - 1) < _RATE_SLACK:
+        kept = f", every {stride}. frame kept" if stride > 1 else ""
+        return joints[::stride], f"{rate:.4g} fps{kept}"
     last = (len(joints) - 1) / rate
     at = np.arange(math.floor(last * fps + 1e-6) + 1) / fps
     between = interp1d(np.arange(len(joints)) / rate, joints, axis=0, fill_value="extrapolate")
@@ -234,10 +233,6 @@ def _spine(file: BvhFile, positions: Float[np.ndarray, "F J 3"], found: dict[str
     at = shares[:3] / shares[3] * ends[-1]
     weights = np.stack([np.interp(at, ends, end) for end in np.eye(len(ends))])
     return np.einsum("fnc,ns->sfc", line, weights)
-
-
-def _unturned(frames: int) -> Float[np.ndarray, "F 3 3"]:
-    return np.broadcast_to(np.eye(3), (frames, 3, 3))
 
 
 def _about(axis: int, angle: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F 3 3"]:
@@ -411,7 +406,7 @@ def _nodes(motion: Motion) -> Iterator[_Node]:
                 yield depth + 1, link, np.zeros(3), turn.swapaxes(-1, -2) @ swung
             yield from below(child, depth + 1 + branches, swung)
 
-    yield from below(0, 0, _unturned(motion.frames))
+    yield from below(0, 0, np.tile(np.eye(3), (motion.frames, 1, 1)))
 
 
 def _swing(above: np.ndarray, rest: np.ndarray, bone: Float[torch.Tensor, "T 3"]) -> np.ndarray:

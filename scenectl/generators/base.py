@@ -24,7 +24,7 @@ Progress = Callable[[str, float], None]
 
 
 def silent(what: str, fraction: float) -> None:
-    """Progress that nobody follows."""
+    """Progress that is not shown."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 from scenectl.generators.registry import DEFAULT, Family
 from scenes.errors import UserError, did_you_mean
-from scenes.files import atomic_write
+from scenes.files import write_json
 
 MANIFEST = "manifest.json"
 FORMAT = 1
@@ -58,8 +58,7 @@ class Weights:
             "licence": self.licence,
             "credits": list(self.credits),
         }
-        with atomic_write(self.folder / MANIFEST, "w") as file:
-            json.dump(table, file, indent=1)
+        write_json(table, self.folder / MANIFEST)
 
 
 def bundled_weights() -> list[str]:

@@ -92,7 +92,7 @@ def lowest_sole(motion: Motion, floor: float, body: ProxyBody = DEFAULT_BODY) ->
     return torch.where(motion.valid, height, torch.inf).amin(dim=-1)
 
 
-def path_length(motion: Motion) -> Float[Tensor, "*b"]:
+def travelled(motion: Motion) -> Float[Tensor, "*b"]:
     """Length (m) of the pelvis's way over the floor, valid frames only."""
     steps = motion.joint("pelvis")[..., [0, 2]].diff(dim=-2).norm(dim=-1)
     return (steps * (motion.valid[..., 1:] & motion.valid[..., :-1])).sum(-1)
@@ -251,5 +251,5 @@ def measure(motion: Motion, scorer: Scorer) -> dict[str, float | str | None]:
         "skating_ratio": float(skating_ratio(motion, scorer.standing)),
         "max_acceleration_m_per_frame2": float(max_acceleration(motion)),
         "bone_length_drift_m": float(bone_length_drift(motion)),
-        "path_length_m": float(path_length(motion)),
+        "path_length_m": float(travelled(motion)),
     }

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
+from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import nn
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
+
+M = TypeVar("M", bound=nn.Module)
 
 _KIND = "scenectl"
 
@@ -45,6 +49,25 @@ def read_about(path: str | Path) -> dict[str, Any]:
             return about
     except (SafetensorError, KeyError, ValueError, TypeError, OSError) as error:
         raise UserError(f"weights '{path}' are not a scenectl checkpoint or are damaged ({error})") from error
+
+
+def load_network(path: Path, build: Callable[[Any], M], what: str) -> M:
+    """A frozen network, built from the configuration that stands with its weights.
+
+    Args:
+        path: file of the weights.
+        build: the network for a configuration; raises KeyError, TypeError or ValidationError for another network's.
+        what: the network, in words.
+
+    Raises:
+        UserError: weights are missing, damaged, or of another network.
+    """
+    try:
+        network = build(read_about(path)["config"])
+    except (KeyError, TypeError, ValidationError) as error:
+        raise UserError(f"weights '{path}' describe no {what}; train it again or name another folder") from error
+    load_weights(network, path)
+    return network.eval().requires_grad_(False)
 
 
 def load_weights(module: nn.Module, path: str | Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 
 import torch
 import torch.nn.functional as F
@@ -57,16 +58,20 @@ class LinearisedDecoder:
     @torch.no_grad()
     def jvp(self, tangent: Float[Tensor, "R S d L"]) -> Float[Tensor, "R S C T"]:
         """First-order changes of the output for R changes of the latent."""
-        for link in self._links:
-            tangent = link.forward(tangent)
-        return tangent
+        return _forward(self._links, tangent)
 
     @torch.no_grad()
     def vjp(self, cotangent: Float[Tensor, "R S C T"]) -> Float[Tensor, "R S d L"]:
         """Gradients in the latent for R gradients in the output."""
-        for link in reversed(self._links):
-            cotangent = link.adjoint(cotangent)
-        return cotangent
+        return _adjoint(self._links, cotangent)
+
+
+def _forward(links: list[_Link], tangent: Tensor) -> Tensor:
+    return reduce(lambda t, link: link.forward(t), links, tangent)
+
+
+def _adjoint(links: list[_Link], cotangent: Tensor) -> Tensor:
+    return reduce(lambda y, link: link.adjoint(y), reversed(links), cotangent)
 
 
 def _chain(modules: list[nn.Module], x: Tensor) -> tuple[Tensor, list[_Link]]:
@@ -129,17 +134,4 @@ def _upsampling(module: nn.Upsample, x: Tensor) -> tuple[Tensor, _Link]:
 
 def _residual(block: ResidualBlock, x: Tensor) -> tuple[Tensor, _Link]:
     h, links = _chain([nn.ReLU(), block.wide, nn.ReLU(), block.point], x)
-
-    def forward(t: Tensor) -> Tensor:
-        inner = t
-        for link in links:
-            inner = link.forward(inner)
-        return t + inner
-
-    def adjoint(y: Tensor) -> Tensor:
-        inner = y
-        for link in reversed(links):
-            inner = link.adjoint(inner)
-        return y + inner
-
-    return x + h, _Link(forward, adjoint)
+    return x + h, _Link(lambda t: t + _forward(links, t), lambda y: y + _adjoint(links, y))

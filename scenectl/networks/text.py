@@ -8,7 +8,6 @@ without gradients, without dropout, and give the same features for the same prom
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,17 +41,15 @@ class TextFeatures:
 
 @runtime_checkable
 class TextEncoder(Protocol):
-    """A frozen text encoder."""
+    """A frozen text encoder.
 
-    @property
-    def name(self) -> str:
-        """What to hand to `load_text_encoder` to get this encoder again."""
-        ...
+    Attributes:
+        name: what to hand to `load_text_encoder` to get this encoder again.
+        dim: width D of its features.
+    """
 
-    @property
-    def dim(self) -> int:
-        """Width D of its features."""
-        ...
+    name: str
+    dim: int
 
     def encode(self, prompts: list[str]) -> TextFeatures:
         """Features of B prompts, on the CPU unless the encoder was loaded for another device."""
@@ -149,12 +146,8 @@ class _Bert:
         return hidden
 
     def _attend(self, layer: str, hidden: Float[Tensor, "B N D"], mask: Bool[Tensor, "B N"]) -> Float[Tensor, "B N D"]:
-        query, key, value = (
-            torch.unflatten(self._linear(f"{layer}.attention.self.{part}", hidden), -1, (self._heads, -1)).transpose(
-                1, 2
-            )
-            for part in ("query", "key", "value")
-        )
+        parts = (self._linear(f"{layer}.attention.self.{part}", hidden) for part in ("query", "key", "value"))
+        query, key, value = (part.unflatten(-1, (self._heads, -1)).transpose(1, 2) for part in parts)
         heads = F.scaled_dot_product_attention(query, key, value, attn_mask=mask[:, None, None, :])
         return heads.transpose(1, 2).flatten(-2)
 
@@ -214,10 +207,6 @@ class Clip:
         return TextFeatures(output.pooler_output, output.last_hidden_state * mask[..., None], mask)
 
 
-NAMES: Sequence[str] = ("minilm", "none")
-"""Encoders known by name; anything else is a folder."""
-
-
 def load_text_encoder(name_or_path: str | Path = "minilm", device: str = "cpu") -> TextEncoder:
     """Load an encoder by name (``minilm``, ``none``) or from a folder that holds a CLIP or a BERT sentence encoder.
 
@@ -236,7 +225,7 @@ def load_text_encoder(name_or_path: str | Path = "minilm", device: str = "cpu") 
             "(config.json, model.safetensors, tokenizer.json), or take 'minilm', which needs none (training: --text)"
         )
     if not folder.is_dir():
-        hint = did_you_mean(str(name_or_path), NAMES)
+        hint = did_you_mean(str(name_or_path), ("minilm", "none"))
         raise UserError(f"text encoder '{name_or_path}' is neither a known name nor a folder on this machine{hint}")
     kind = str(_read_json(folder, "config.json").get("model_type", "unstated"))
     if kind in ("clip", "clip_text_model"):

@@ -68,7 +68,7 @@ def edit(
         able = [name for name in registry.names() if "edit" in registry.find(name).spec.abilities]
         raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
     check(motion, regenerate, generator.spec)
-    keeping, solver = Keeping(motion, ~regenerate, guide), SolverSettings(iterations=iterations)
+    keeping, solver = SeamGuide(motion, ~regenerate, guide), SolverSettings(iterations=iterations)
     with threads():
         draft = generator.edit(motion, regenerate, prompt, guide=keeping, samples=samples, seed=seed, progress=progress)
         made = draft.motion if draft.step is None else refined(draft.step, keeping, solver)
@@ -137,7 +137,7 @@ def check(motion: Motion, regenerate: Bool[Tensor, " T"], spec: Spec) -> None:
         )
 
 
-class Keeping:
+class SeamGuide:
     """A guide towards the kept frames beside the seams, in the world, and towards another guide's goals."""
 
     def __init__(self, motion: Motion, kept: Bool[Tensor, " T"], others: Guide | None = None) -> None:

@@ -14,7 +14,7 @@ from torch import Tensor
 from objectives import TermReport
 from scenectl.tasks.setup import Setup
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import write_json
 from scenes.motion.motion import Motion, Pose2D
 
 FORMAT = 1
@@ -80,8 +80,7 @@ class Result:
         if maker is not None:  # the weights' terms follow what they make wherever the file goes
             facts["licence"] = str(maker["licence"])
         self.motion.save(folder / "motion.npz", **facts)
-        with atomic_write(folder / "report.json", "w") as file:
-            json.dump(self.report, file, indent=1, allow_nan=False)
+        write_json(self.report, folder / "report.json", allow_nan=False)
         if preview and self.drawer is not None:
             self.drawer(self, folder / "preview.png")
         return folder

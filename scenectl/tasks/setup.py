@@ -57,7 +57,15 @@ def plan(
     scene: Scene | None = None,
     spec: Spec | None = None,
 ) -> Setup:
-    """Everything a generator needs, checked; see `Task.build`."""
+    """Everything a generator needs, checked; raises UserError for what cannot be right.
+
+    Args:
+        task: its tables.
+        seed: of the sampled start, by default the task's.
+        start: instead of the task's own, as when a finished motion is scored.
+        scene: instead of reading it again.
+        spec: of the generator, where it is not the one that the task names.
+    """
     scene = task.load_scene() if scene is None else scene
     spec = task.generator.family.spec if spec is None else spec
     body = task.load_body()

@@ -26,14 +26,7 @@ class Task(TaskTable):
         scene: Scene | None = None,
         spec: Spec | None = None,
     ) -> Setup:
-        """Everything a generator needs, checked; raises UserError for what cannot be right.
-
-        Args:
-            seed: of the sampled start, by default the task's.
-            start: instead of the task's own, as when a finished motion is scored.
-            scene: instead of reading it again.
-            spec: of the generator, where it is not the one that the task names.
-        """
+        """Everything a generator needs, checked; arguments as `plan` takes them."""
         return plan(self, seed, start, scene, spec)
 
     def with_generator(self, name: str | None = None, weights: str | None = None) -> Task:

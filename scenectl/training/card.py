@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from scenectl.data.clips import ClipSet, census
 from scenectl.data.features import FPS
 from scenectl.training.loop import Loop
-from scenes.files import atomic_write
+from scenes.files import atomic_write, write_json
 
 _COLUMNS = ("part", "iterations", "minutes", "parameters", "last loss", "frames a second")
 
@@ -42,8 +41,7 @@ def write_card(
     """
     _draw_curves(loops, folder / "curves.png")
     hours = {"hours_recorded": data.recorded_hours, "hours_with_augmentation": data.hours}
-    with atomic_write(folder / "metrics.json", "w") as file:
-        json.dump({**hours, **figures}, file, indent=1)
+    write_json({**hours, **figures}, folder / "metrics.json")
     licence, credits = data.terms()
     frames = {"source": census(data, data.sources), "kind": census(data, data.groups)}
     lines = [

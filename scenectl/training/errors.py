@@ -33,8 +33,7 @@ def error_by_source(round_trip: RoundTrip, data: ClipSet, frames: int) -> dict[s
     for i, start in enumerate(data.starts[:-1].tolist()):
         if int(data.lengths[i]) < frames:
             continue
-        features = data.features[start : start + frames][None]
-        got, true = features_to_joints(round_trip(features)), features_to_joints(features)
+        got, true = joints_after(round_trip, data.features[start : start + frames][None])
         error = (got - true).norm(dim=-1)
         local = (_about_pelvis(got) - _about_pelvis(true)).norm(dim=-1)
         row = float(error.mean()), float(local.mean()), float(error[0, -1, 0])

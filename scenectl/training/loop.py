@@ -87,6 +87,7 @@ class Loop:
             fused=self.device.type == "cuda",
         )
         self.averaged = copy.deepcopy(module)
+        self._networks = nn.ModuleDict({"model": self.module, "averaged": self.averaged})
         self.iteration = 0
         self.seconds = 0.0
         self.curve: list[dict[str, float]] = []
@@ -190,9 +191,7 @@ class Loop:
 
     def save(self) -> None:
         """Write weights, moving average, optimiser moments and the loss curve."""
-        tensors: dict[str, Tensor] = {}
-        for prefix, module in (("model", self.module), ("averaged", self.averaged)):
-            tensors |= {f"{prefix}.{n}": t.detach().cpu().clone().contiguous() for n, t in module.state_dict().items()}
+        tensors = {n: t.detach().cpu().clone().contiguous() for n, t in self._networks.state_dict().items()}
         for i, parameter in enumerate(self.parameters):
             for key, value in self.optimiser.state.get(parameter, {}).items():
                 tensors[f"moment.{i}.{key}"] = torch.as_tensor(value).cpu().clone()
@@ -209,10 +208,7 @@ class Loop:
             with safe_open(self.state_path, framework="pt") as file:
                 about: dict[str, Any] = json.loads(file.metadata()["about"])
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-            for prefix, module in (("model", self.module), ("averaged", self.averaged)):
-                module.load_state_dict(
-                    {n.removeprefix(f"{prefix}."): t for n, t in tensors.items() if n.startswith(f"{prefix}.")}
-                )
+            self._networks.load_state_dict({n: t for n, t in tensors.items() if not n.startswith("moment.")})
             self.iteration, self.seconds = int(about["iteration"]), float(about["seconds"])
             self._resume_curve()
         except (SafetensorError, KeyError, TypeError, RuntimeError, OSError, ValueError) as error:
@@ -221,14 +217,13 @@ class Loop:
                 f"training state '{self.state_path}' does not fit this config ({reason}); "
                 "delete the folder to start afresh"
             ) from error
-        for i, parameter in enumerate(self.parameters):
-            moments = {
-                k: tensors[f"moment.{i}.{k}"] for k in ("step", "exp_avg", "exp_avg_sq") if f"moment.{i}.{k}" in tensors
-            }
-            if moments:  # the count of steps stays on the CPU, where AdamW expects it
-                self.optimiser.state[parameter] = {
-                    k: t if k == "step" else t.to(parameter.device) for k, t in moments.items()
-                }
+        for name in tensors:
+            if name.startswith("moment."):
+                _, i, key = name.split(".")
+                parameter = self.parameters[int(i)]
+                # The count of steps stays on the CPU, where AdamW expects it.
+                moment = tensors[name] if key == "step" else tensors[name].to(parameter.device)
+                self.optimiser.state[parameter][key] = moment
 
     def _resume_curve(self) -> None:
         path = self.folder / "curve.json"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,10 +58,7 @@ class Recipe(BaseModel):
 
     def value(self, dotted: str) -> Any:
         """What stands under a dotted name."""
-        found: Any = self
-        for key in dotted.split("."):
-            found = getattr(found, key)
-        return found
+        return attrgetter(dotted)(self)
 
     def varied(self: R, changes: Mapping[str, Any]) -> R:
         """This recipe with some of its keys changed, each given by its dotted name.
@@ -133,11 +131,8 @@ def _table(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
 
 
 def _over(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for key, value in changes.items():
-        old = base.get(key)
-        merged[key] = _over(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
-    return merged
+    both = [key for key, value in changes.items() if isinstance(value, dict) and isinstance(base.get(key), dict)]
+    return base | changes | {key: _over(base[key], changes[key]) for key in both}
 
 
 def _keys(table: Mapping[str, Any], prefix: str = "") -> list[str]:

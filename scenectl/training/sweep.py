@@ -5,15 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from scenectl.training.card import table
-from scenectl.training.placement import Placement, place
+from scenectl.training.placement import place
 from scenectl.training.recipe import Recipe, Variant, load_recipe
 from scenectl.training.stages import Comparison, Run, Training
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, write_json
 
 Row = dict[str, Any]
 Tell = Callable[[str, float], None]
@@ -41,39 +42,32 @@ def train_sweep(
     recipe = load_recipe(config, plan.recipe)
     if not recipe.sweep:
         raise UserError(f"training config '{config}' has no [[sweep]] entries; add some, or take --config sweep")
-    where = place(device, recipe.precision)
-    rows = sweep(plan, recipe, recipe.sweep, Path(data), Path(out), iterations, where, tell)
+    run = Run(plan, recipe, Path(data), Path(out), where=place(device, recipe.precision))
+    rows = sweep(run, recipe.sweep, iterations, tell)
     write_table(rows, Path(out) / "sweep", f"Variants of {recipe.name}, {iterations} iterations each")
     return rows
 
 
 def sweep(
-    plan: Training[R],
-    recipe: R,
+    run: Run[Any],
     variants: Sequence[Variant],
-    data: Path,
-    out: Path,
     iterations: int,
-    where: Placement,
     tell: Tell | None = None,
     measure: Measure | None = None,
 ) -> list[Row]:
     """Train and measure the compared stage of every variant; what is done is not done again.
 
     Args:
-        plan: of the family.
-        recipe: what the variants are variants of.
+        run: of what the variants are variants of; its folder gets one for each, named after it and all its settings.
         variants: trained in this order.
-        data: folder of the motions.
-        out: gets a folder for each variant, named after it and all of its settings.
         iterations: of each variant's compared stage (and of whatever else `measure` trains).
-        where: device and precision.
         tell: called with the variant's name and the share done.
         measure: more columns.
 
     Raises:
         UserError: the family compares nothing.
     """
+    plan, recipe, out = run.plan, run.recipe, run.out
     if plan.comparison is None:
         raise UserError(f"generator '{recipe.family}' has no sweep; train its variants one by one")
     rows = []
@@ -81,8 +75,8 @@ def sweep(
         if tell is not None:
             tell(variant.name, i / len(variants))
         changed = shortened(plan, recipe.varied(variant.set), iterations)
-        run = Run(plan, changed, data, out / f"{variant.name}-{_digest(changed)}", where=where, cache=out / "data")
-        rows.append(_row(run, plan.comparison, variant, measure))
+        one = replace(run, recipe=changed, out=out / f"{variant.name}-{_digest(changed)}", cache=out / "data")
+        rows.append(_row(one, plan.comparison, variant, measure))
     return rows
 
 
@@ -102,11 +96,9 @@ def write_table(rows: Sequence[Row], path: Path, title: str) -> None:
     """Write rows as a Markdown table (`path`.md) and as JSON (`path`.json), each whole or not at all."""
     columns = list(dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, dict)))
     lines = [f"# {title}", "", *table(columns, ([_cell(row.get(column)) for column in columns] for row in rows))]
-    path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path.with_suffix(".md"), "w") as file:
         file.write("\n".join([*lines, ""]))
-    with atomic_write(path.with_suffix(".json"), "w") as file:
-        json.dump({"title": title, "rows": rows}, file, indent=1)
+    write_json({"title": title, "rows": rows}, path.with_suffix(".json"))
 
 
 def _row(run: Run[Any], comparison: Comparison, variant: Variant, measure: Measure | None) -> Row:
@@ -129,8 +121,7 @@ def _row(run: Run[Any], comparison: Comparison, variant: Variant, measure: Measu
         "frames_per_second": loop.frames_per_second,
         **(measure(run) if measure is not None else {}),
     }
-    with atomic_write(path, "w") as file:
-        json.dump(row, file, indent=1)
+    write_json(row, path)
     return row
 
 

@@ -7,12 +7,13 @@ linear combinations of the joints, so that one small matrix product makes them a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import tomllib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -24,31 +25,9 @@ from scenes.motion.skeleton import HUMANML3D, Skeleton
 STRETCH = 1.1
 """Bones up to this much longer than the skeleton's keep gaps between samples below the capsule's radius."""
 
-SOURCE = (
-    "mean of women and men in ANSUR II: C. C. Gordon et al., 2012 Anthropometric Survey of U.S. Army Personnel: "
-    "Methods and Summary Statistics, Natick TR-15/007, 2014 (4,082 men and 1,986 women)"
-)
+_HUMAN: dict[str, Any] = tomllib.loads((Path(__file__).parent / "human.toml").read_text(encoding="utf-8"))
 
-# Means in millimetres, (women, men). Of the lower block we keep multiples of 5 mm (1 mm of radius or less).
-_ANSUR: dict[str, tuple[float, float]] = {
-    "chest depth": (247.4, 253.8),
-    "biceps girth": (305.6, 358.1),
-    "forearm girth": (264.1, 310.1),
-    "neck girth": (329.8, 397.6),
-    "neck base girth": (371.2, 434.6),
-    "thigh girth": (616.1, 625.1),
-    "calf girth": (373.3, 392.3),
-    "head girth": (561.1, 574.4),
-    "hip breadth": (353.8, 345.7),
-    "biacromial breadth": (365.3, 415.7),
-    "bideltoid breadth": (450.3, 510.4),
-    "waist depth": (215.0, 240.0),
-    "buttock depth": (235.0, 250.0),
-    "lower thigh girth": (395.0, 400.0),
-    "ankle girth": (215.0, 230.0),
-    "wrist girth": (155.0, 175.0),
-    "hand breadth": (80.0, 90.0),
-}
+SOURCE: str = _HUMAN["source"]
 
 
 @dataclass(frozen=True)
@@ -87,8 +66,8 @@ class Segments(NamedTuple):
 
 @dataclass(frozen=True)
 class _Samples:
-    weights: np.ndarray  # [M, J]
-    radii: np.ndarray  # [M]
+    weights: Tensor  # [M, J]
+    radii: Tensor  # [M]
     owners: tuple[int, ...]
     parts: tuple[str, ...]
 
@@ -102,7 +81,7 @@ class ProxyBody:
     fingers (about 8 cm), toes (about 6 cm) and the sole of the heel are not covered.
 
     Attributes:
-        skeleton: the joints that the indices number.
+        skeleton: the joints the indices speak of.
         spheres: one on every joint, in the skeleton's order, then those past the joints.
         capsules: one on every bone.
         sole_offset: metres from the lowest foot joint down to the sole. A canonical motion has that joint at
@@ -143,12 +122,11 @@ class ProxyBody:
 
     def points_of(self, joints: Float[Tensor, "*b J 3"]) -> Float[Tensor, "*b M 3"]:
         """World positions of all samples (m) for joint positions (m), linear in them."""
-        return torch.einsum("mj,...jd->...md", self._weights.to(joints), joints)
+        return torch.einsum("mj,...jd->...md", self._samples.weights.to(joints), joints)
 
     def radii(self, like: Tensor | None = None) -> Float[Tensor, " M"]:
         """Radius of every sample (m), float32 or as `like`."""
-        radii = torch.from_numpy(self._samples.radii)
-        return radii.float() if like is None else radii.to(like)
+        return self._samples.radii.float() if like is None else self._samples.radii.to(like)
 
     @property
     def owners(self) -> list[str]:
@@ -185,9 +163,13 @@ class ProxyBody:
         ]
         return rows
 
-    @cached_property
-    def _weights(self) -> Tensor:
-        return torch.from_numpy(self._samples.weights)
+    def _weights(self, blends: Sequence[dict[int, float]]) -> Tensor:
+        """Weights of the joints in points, ``[n, J]`` float64."""
+        weights = torch.zeros(len(blends), len(self.skeleton.names), dtype=torch.float64)
+        for point, blend in enumerate(blends):
+            for joint, weight in blend.items():
+                weights[point, joint] = weight
+        return weights
 
     @cached_property
     def _ends(self) -> tuple[Tensor, Tensor, list[int]]:
@@ -198,13 +180,8 @@ class ProxyBody:
             if steps > 1:  # else the spheres of its joints cover it
                 near, far = {c.a: 1 - 1 / steps, c.b: 1 / steps}, {c.a: 1 / steps, c.b: 1 - 1 / steps}
                 parts.append((near, far, c.radius, c.b))
-        weights = torch.zeros(2, len(parts), len(self.skeleton.names), dtype=torch.float64)
-        for part, (near, far, _, _) in enumerate(parts):
-            for end, blend in enumerate((near, far)):
-                for joint, weight in blend.items():
-                    weights[end, part, joint] = weight
-        radii = torch.tensor([part[2] for part in parts], dtype=torch.float64)
-        return weights, radii, [part[3] for part in parts]
+        weights = torch.stack([self._weights([part[0] for part in parts]), self._weights([part[1] for part in parts])])
+        return weights, _doubles([part[2] for part in parts]), [part[3] for part in parts]
 
     def _steps(self, capsule: BodyCapsule) -> int:
         """Equal steps from joint to joint; samples are between them, since the joints carry spheres of their own."""
@@ -214,21 +191,17 @@ class ProxyBody:
     @cached_property
     def _samples(self) -> _Samples:
         names = self.skeleton.names
-        rows: list[tuple[dict[int, float], float, int, str]] = []
-        for s in self.spheres:
-            rows.append((_blend(s), s.radius, s.joint, s.name))
+        rows = [(_blend(s), s.radius, s.joint, s.name) for s in self.spheres]
         for c in self.capsules:
-            steps = self._steps(c)
-            for k in range(1, steps):
-                t = k / steps
-                rows.append(({c.a: 1 - t, c.b: t}, c.radius, c.b if t >= 0.5 else c.a, f"{names[c.a]}-{names[c.b]}"))
-        weights = np.zeros((len(rows), len(names)))
-        for m, (blend, *_) in enumerate(rows):
-            for joint, weight in blend.items():
-                weights[m, joint] = weight
-        return _Samples(
-            weights, np.array([row[1] for row in rows]), tuple(row[2] for row in rows), tuple(row[3] for row in rows)
-        )
+            steps, part = self._steps(c), f"{names[c.a]}-{names[c.b]}"
+            for t in (k / steps for k in range(1, steps)):
+                rows.append(({c.a: 1 - t, c.b: t}, c.radius, c.b if t >= 0.5 else c.a, part))
+        weights, radii = self._weights([row[0] for row in rows]), _doubles([row[1] for row in rows])
+        return _Samples(weights, radii, tuple(row[2] for row in rows), tuple(row[3] for row in rows))
+
+
+def _doubles(numbers: list[float]) -> Tensor:
+    return torch.tensor(numbers, dtype=torch.float64)
 
 
 def _blend(sphere: BodySphere) -> dict[int, float]:
@@ -245,7 +218,7 @@ _SOLE = 0.025
 
 def _mean(name: str) -> float:
     """Mean of women and men, metres."""
-    return sum(_ANSUR[name]) / 2000.0
+    return sum(_HUMAN["means"][name]) / 2000.0
 
 
 def _size(*names: str) -> tuple[float, str]:
@@ -262,22 +235,8 @@ def _human_spheres() -> tuple[BodySphere, ...]:
     )
     # hips stand 0.106 m from the middle; a full thigh there would be wider than the hips are
     hip = ((_mean("hip breadth") / 2 - 0.106 + _size("thigh girth")[0]) / 2, "mean of thigh girth / 2π and room in hip")
-    sizes: dict[str, tuple[float, str]] = {
-        "pelvis": _size("buttock depth"),
-        "hip": hip,
-        "spine1": _size("waist depth"),
-        "knee": _size("lower thigh girth"),
-        "spine2": _size("waist depth", "chest depth"),
-        "ankle": _size("ankle girth"),
-        "spine3": _size("chest depth"),
-        "foot": (_SOLE, "the sole's depth below the joint"),
-        "neck": _size("neck base girth"),
-        "collar": _size("chest depth", "neck base girth"),
-        "head": _size("head girth"),
-        "shoulder": shoulder,
-        "elbow": _size("forearm girth"),
-        "wrist": _size("wrist girth"),
-    }
+    sizes = {name: _size(*means) for name, means in _HUMAN["spheres"].items()}
+    sizes |= {"hip": hip, "shoulder": shoulder, "foot": (_SOLE, "the sole's depth below the joint")}
     on_joints = [
         BodySphere(name, j, *sizes[name.removeprefix("left_").removeprefix("right_")])
         for j, name in enumerate(HUMANML3D.names)
@@ -292,21 +251,8 @@ def _human_spheres() -> tuple[BodySphere, ...]:
 
 
 def _human_capsules() -> tuple[BodyCapsule, ...]:
-    by_child: dict[str, tuple[float, str]] = {
-        "hip": _size("buttock depth", "thigh girth"),
-        "spine1": _size("buttock depth", "waist depth"),
-        "knee": _size("thigh girth", "lower thigh girth"),
-        "spine2": _size("waist depth"),
-        "ankle": _size("lower thigh girth", "calf girth", "ankle girth"),
-        "spine3": _size("waist depth", "chest depth"),
-        "foot": (1.2 * _SOLE, "1.2 times the sole's depth, as far as the instep rises"),
-        "neck": _size("chest depth", "neck base girth"),
-        "collar": _size("chest depth", "neck base girth"),
-        "head": _size("neck girth"),
-        "shoulder": _size("neck base girth"),
-        "elbow": _size("biceps girth"),
-        "wrist": _size("forearm girth", "wrist girth"),
-    }
+    by_child = {name: _size(*means) for name, means in _HUMAN["capsules"].items()}
+    by_child["foot"] = (1.2 * _SOLE, "1.2 times the sole's depth, as far as the instep rises")
     return tuple(
         BodyCapsule(a, b, *by_child[HUMANML3D.names[b].removeprefix("left_").removeprefix("right_")])
         for a, b in HUMANML3D.bones

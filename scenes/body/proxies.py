@@ -19,9 +19,9 @@ from torch import Tensor
 from scenes.body.body import ProxyBody
 from scenes.body.capsules import SAMPLES, FittedCapsule, fit_capsule, inner_volume, quick_volume, sample_surface
 from scenes.body.fit import fit_body
-from scenes.body.rig import Part, Rig
+from scenes.body.rig import Part, Rig, used
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import write_json
 from scenes.motion.skeleton import HUMANML3D
 from scenes.sdf.field import DistanceField
 
@@ -136,7 +136,7 @@ class Proxies:
             time: seconds on the task's clock, broadcastable to ``[*b]``; None means 0 s.
         """
         points, radii, owner = self._samples
-        placed = self._carry(frames, points, [self.owners[c] for c in owner.tolist()])
+        placed = self._carry(frames, points[:, None], [self.owners[c] for c in owner.tolist()]).squeeze(-2)
         when = None if time is None else time[..., None].expand(placed.shape[:-1]).contiguous()
         away = field.distance(placed, when) - radii.to(placed)
         lowest = away.new_full((*away.shape[:-1], len(self.capsules)), math.inf)
@@ -144,8 +144,7 @@ class Proxies:
 
     def save(self, path: str | Path) -> None:
         """Write as JSON; `load` reads it back equal."""
-        with atomic_write(path, "w") as file:
-            json.dump({"format": _FORMAT, **asdict(self)}, file, indent=1, allow_nan=False)
+        write_json({"format": _FORMAT, **asdict(self)}, path, allow_nan=False)
 
     @classmethod
     def load(cls, path: str | Path) -> Proxies:
@@ -187,7 +186,7 @@ class Proxies:
         return None
 
     def _carry(self, frames: Tensor, points: Tensor, owners: list[str]) -> Tensor:
-        """World positions of points ``[n, *k, 3]``, each row in the frame of its owner."""
+        """World positions of points ``[n, k, 3]``, each row in the frame of its owner."""
         if frames.ndim < 3 or frames.shape[-3:] != (len(self.links), 4, 4):
             raise UserError(
                 f"frames have shape {list(frames.shape)}; give [*b, {len(self.links)}, 4, 4], one for each link of "
@@ -195,10 +194,7 @@ class Proxies:
             )
         place = {link: index for index, link in enumerate(self.links)}
         own = frames[..., [place[owner] for owner in owners], :, :]
-        points = points.to(frames)
-        if points.ndim == 2:
-            return torch.einsum("...nij,nj->...ni", own[..., :3, :3], points) + own[..., :3, 3]
-        return torch.einsum("...nij,nkj->...nki", own[..., :3, :3], points) + own[..., None, :3, 3]
+        return torch.einsum("...nij,nkj->...nki", own[..., :3, :3], points.to(frames)) + own[..., None, :3, 3]
 
     @cached_property
     def _samples(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -273,30 +269,24 @@ class _Piece:
 
     def split(self, coverage: float | int) -> list[_Piece] | None:
         """Two pieces cut by a plane, chosen by the quick capsules on either side; None where no cut is possible."""
+        from trimesh.intersections import slice_faces_plane
+
         _, _, principal = np.linalg.svd(self.vertices - self.vertices.mean(axis=0), full_matrices=False)
         best: tuple[float, list[tuple[np.ndarray, np.ndarray]]] | None = None
         for normal in principal:
             along = self.vertices @ normal
             for share in (0.25, 0.375, 0.5, 0.625, 0.75):
                 origin = normal * (along.min() + share * np.ptp(along))
-                halves = [_cut(self.vertices, self.faces, sign * normal, origin) for sign in (1.0, -1.0)]
+                halves = [
+                    used(*slice_faces_plane(self.vertices, self.faces, sign * normal, origin)[:2])
+                    for sign in (1.0, -1.0)  # triangles across the plane are cut
+                ]
                 if any(len(faces) == 0 for _, faces in halves):
                     continue
                 volume = sum(quick_volume(vertices) for vertices, _ in halves)
                 if best is None or volume < best[0]:
                     best = volume, halves
         return None if best is None else [_Piece.of(vertices, faces, coverage) for vertices, faces in best[1]]
-
-
-def _cut(
-    vertices: np.ndarray, faces: np.ndarray, normal: np.ndarray, origin: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles on the side of a plane that its normal points to; those across it are cut."""
-    from trimesh.intersections import slice_faces_plane
-
-    cut_vertices, cut_faces, _ = slice_faces_plane(vertices, faces, normal, origin)
-    used, inverse = np.unique(cut_faces, return_inverse=True)
-    return cut_vertices[used], inverse.reshape(-1, 3)
 
 
 def load_body(path: str | Path) -> ProxyBody:

@@ -31,8 +31,7 @@ class Part:
     @classmethod
     def of(cls, link: str, frame: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> Part:
         """The part of the vertices that the triangles use; vertices in the link's frame."""
-        used, inverse = np.unique(faces, return_inverse=True)
-        return cls(link, frame, vertices[used], inverse.reshape(-1, 3))
+        return cls(link, frame, *used(vertices, faces))
 
     @cached_property
     def placed(self) -> np.ndarray:
@@ -75,6 +74,12 @@ class Rig:
     def triangles(self) -> np.ndarray:
         """Corners of all triangles in the world at rest, ``[F, 3, 3]`` metres, part after part."""
         return np.concatenate([part.placed[part.faces] for part in self.parts])
+
+
+def used(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices that triangles use, and the triangles between these."""
+    which, inverse = np.unique(faces, return_inverse=True)
+    return vertices[which], inverse.reshape(-1, 3)
 
 
 def tree_order(parents: Sequence[int]) -> list[int]:

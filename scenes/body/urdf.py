@@ -168,18 +168,14 @@ def _found(uri: str, folder: Path) -> Path | None:
 
 def _origin(element: Element, where: str) -> np.ndarray:
     """Transform of an element's <origin>: fixed-axis roll, pitch and yaw, then the offset; ``[4, 4]``."""
+    from trimesh.transformations import euler_matrix
+
     origin = element.find("origin")
-    frame = np.eye(4)
     if origin is None:
-        return frame
-    frame[:3, 3] = _numbers(origin, "xyz", where, 3, "0 0 0")
-    roll, pitch, yaw = _numbers(origin, "rpy", where, 3, "0 0 0")
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
-    frame[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
+        return np.eye(4)
+    offset = _numbers(origin, "xyz", where, 3, "0 0 0")
+    frame: np.ndarray = euler_matrix(*_numbers(origin, "rpy", where, 3, "0 0 0"), axes="sxyz")
+    frame[:3, 3] = offset
     return frame
 
 

@@ -90,6 +90,11 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="scenes")
 
 
+def spans(work: Callable[[int, int], Any], count: int, size: int, threads: int | None = None) -> None:
+    """Call ``work(begin, end)`` for all of `count` places, `size` at a time, on several threads; see `parts`."""
+    parts(lambda i: work(size * i, min(size * (i + 1), count)), -(-count // size), threads)
+
+
 def parts(work: Callable[[int], Any], count: int | Iterable[int], threads: int | None = None) -> list[Any]:
     """Call ``work(i)`` for every part, on several threads, and return the results in order.
 

@@ -29,10 +29,11 @@ _FEW = 12  # triangles from which on a cell is measured in eight parts
 def near_bricks(vertices, faces, shape, reach):
     """Which triangles come within `reach` of each brick, at least: offsets ``[bricks + 1]``, triangles ascending."""
     nx, ny, nz = shape
-    offsets = np.zeros(nx * ny * nz + 1, np.int64)
-    members = np.empty(0, np.int32)
     radius = SIDE * math.sqrt(3.0) / 2.0 + reach
-    for filling in range(2):
+    counts = np.zeros(nx * ny * nz, np.int64)
+    offsets, members = _listed(counts)
+    for _ in range(2):  # count, then list
+        counts[:] = 0
         for f in range(len(faces)):
             low_x, high_x = _span(vertices, faces, f, 0, reach, nx)
             low_y, high_y = _span(vertices, faces, f, 1, reach, ny)
@@ -45,20 +46,26 @@ def near_bricks(vertices, faces, shape, reach):
                         cx, cy, cz = SIDE * (x + 0.5), SIDE * (y + 0.5), SIDE * (z + 0.5)
                         if not single and math.sqrt(squared_distance(frame, cx, cy, cz)) > radius:
                             continue
-                        brick = (x * ny + y) * nz + z
-                        if filling:
-                            members[offsets[brick]] = f
-                            offsets[brick] += 1
-                        else:
-                            offsets[brick + 1] += 1
-        if filling:
-            offsets[1:] = offsets[:-1].copy()
-            offsets[0] = 0
-        else:
-            for brick in range(nx * ny * nz):
-                offsets[brick + 1] += offsets[brick]
-            members = np.empty(offsets[-1], np.int32)
+                        _entered(offsets, members, counts, (x * ny + y) * nz + z, f)
+        if len(members) == 0:
+            offsets, members = _listed(counts)
     return offsets, members
+
+
+@helper
+def _listed(counts):
+    """Where the list of each place begins, ``[len(counts) + 1]``, and room for what all of them hold."""
+    offsets = np.zeros(len(counts) + 1, np.int64)
+    offsets[1:] = np.cumsum(counts)
+    return offsets, np.empty(offsets[-1], np.int32)
+
+
+@helper
+def _entered(offsets, members, counts, place, f):
+    """Count a triangle at a place, and enter it where there is room."""
+    if len(members) > 0:
+        members[offsets[place] + counts[place]] = f
+    counts[place] += 1
 
 
 @helper
@@ -72,9 +79,10 @@ def _span(vertices, faces, f, axis, reach, count):
 @kernel
 def over_columns(vertices, faces, nx, nz):
     """Which triangles lie above or below each column of bricks: offsets ``[columns + 1]`` and triangles, ascending."""
-    offsets = np.zeros(nx * nz + 1, np.int64)
-    members = np.empty(0, np.int32)
-    for filling in range(2):
+    counts = np.zeros(nx * nz, np.int64)
+    offsets, members = _listed(counts)
+    for _ in range(2):  # count, then list
+        counts[:] = 0
         for f in range(len(faces)):
             low_x, high_x = _span(vertices, faces, f, 0, 1.0, nx)
             low_z, high_z = _span(vertices, faces, f, 2, 1.0, nz)
@@ -82,19 +90,9 @@ def over_columns(vertices, faces, nx, nz):
                 for z in range(low_z, high_z + 1):
                     if _misses(vertices, faces, f, SIDE * (x + 0.5), SIDE * (z + 0.5), SIDE / 2 + 1.0):
                         continue
-                    column = x * nz + z
-                    if filling:
-                        members[offsets[column]] = f
-                        offsets[column] += 1
-                    else:
-                        offsets[column + 1] += 1
-        if filling:
-            offsets[1:] = offsets[:-1].copy()
-            offsets[0] = 0
-        else:
-            for column in range(nx * nz):
-                offsets[column + 1] += offsets[column]
-            members = np.empty(offsets[-1], np.int32)
+                    _entered(offsets, members, counts, x * nz + z, f)
+        if len(members) == 0:
+            offsets, members = _listed(counts)
     return offsets, members
 
 
@@ -390,65 +388,45 @@ def joined(index, cells, level, values, begin, end):
     own nodes and look only at the levels of others, so that their order does not matter.
     """
     n = 1 << level
+    levels = _turned(index)
     for at in range(begin, end):
-        v = values[at]
+        nodes = _turned(values[at])
         for axis in range(3):
+            i, x, y, z = levels[axis], cells[at, axis], cells[at, (axis + 1) % 3], cells[at, (axis + 2) % 3]
             for side in range(4):
                 a, b = side >> 1, side & 1
-                least = _level_beside(index, cells[at], axis, 0, 2 * a - 1, 0)
-                least = min(least, _level_beside(index, cells[at], axis, 0, 0, 2 * b - 1))
-                least = min(least, _level_beside(index, cells[at], axis, 0, 2 * a - 1, 2 * b - 1))
+                beside, above = y + 2 * a - 1, z + 2 * b - 1
+                least = min(_level(i, x, beside, z), _level(i, x, y, above), _level(i, x, beside, above))
                 if least < level:
-                    _straighten(v, axis, a * n, b * n, n, 1 << (level - least))
+                    _straighten(nodes[axis][:, a * n, b * n], 1 << (level - least))
         for axis in range(3):
+            i, x, y, z = levels[axis], cells[at, axis], cells[at, (axis + 1) % 3], cells[at, (axis + 2) % 3]
             for side in range(2):
-                least = _level_beside(index, cells[at], axis, 2 * side - 1, 0, 0)
+                least = _level(i, x + 2 * side - 1, y, z)
                 if least < level:
-                    _flatten(v, axis, side * n, n, 1 << (level - least))
+                    _flatten(nodes[axis][side * n], 1 << (level - least))
 
 
 @helper
-def _level_beside(index, cell, axis, t, a, b):
-    """Level of the cell `t` further along an axis, `a` along the next and `b` along the one after."""
-    if axis == 0:
-        return _level(index, cell[0] + t, cell[1] + a, cell[2] + b)
-    if axis == 1:
-        return _level(index, cell[0] + b, cell[1] + t, cell[2] + a)
-    return _level(index, cell[0] + a, cell[1] + b, cell[2] + t)
+def _turned(v):
+    """Views of an array that begin with its first, second and third axis, the others following in a ring."""
+    return v.transpose((0, 1, 2)), v.transpose((1, 2, 0)), v.transpose((2, 0, 1))
 
 
 @helper
-def _get(v, axis, t, a, b):
-    """Node `t` along an axis, `a` along the next and `b` along the one after."""
-    if axis == 0:
-        return float(v[t, a, b])
-    return float(v[b, t, a]) if axis == 1 else float(v[a, b, t])
-
-
-@helper
-def _set(v, axis, t, a, b, value):
-    whole = np.int16(round(value))
-    if axis == 0:
-        v[t, a, b] = whole
-    elif axis == 1:
-        v[b, t, a] = whole
-    else:
-        v[a, b, t] = whole
-
-
-@helper
-def _straighten(v, axis, a, b, n, s):
+def _straighten(row, s):
     """The nodes of an edge become linear between every `s`-th."""
-    for t in range(1, n):
+    for t in range(1, len(row) - 1):
         if t % s:
             first = t // s * s
-            low, high = _get(v, axis, first, a, b), _get(v, axis, first + s, a, b)
-            _set(v, axis, t, a, b, low + (high - low) * (t - first) / s)
+            low, high = float(row[first]), float(row[first + s])
+            row[t] = np.int16(round(low + (high - low) * (t - first) / s))
 
 
 @helper
-def _flatten(v, axis, at, n, s):
+def _flatten(face, s):
     """The inner nodes of a face become bilinear between every `s`-th."""
+    n = len(face) - 1
     for a in range(1, n):
         for b in range(1, n):
             if a % s == 0 and b % s == 0:
@@ -456,9 +434,9 @@ def _flatten(v, axis, at, n, s):
             i, j = a // s * s, b // s * s
             x, y = (a - i) / s, (b - j) / s
             k, m = min(i + s, n), min(j + s, n)
-            low = _get(v, axis, at, i, j) * (1 - y) + _get(v, axis, at, i, m) * y
-            high = _get(v, axis, at, k, j) * (1 - y) + _get(v, axis, at, k, m) * y
-            _set(v, axis, at, a, b, low + (high - low) * x)
+            low = float(face[i, j]) * (1 - y) + float(face[i, m]) * y
+            high = float(face[k, j]) * (1 - y) + float(face[k, m]) * y
+            face[a, b] = np.int16(round(low + (high - low) * x))
 
 
 @kernel
@@ -494,16 +472,8 @@ def _first(index, blocks, x, y, z, otherwise):
                 s = CELL >> (number % LEVELS + 1)
                 a, b, c = x - CELL * i, y - CELL * j, z - CELL * k
                 if a % s == 0 and b % s == 0 and c % s == 0:
-                    return _stored(blocks, number, a // s, b // s, c // s)
+                    return blocks[number % LEVELS][number // LEVELS, a // s, b // s, c // s]
     return otherwise
-
-
-@helper
-def _stored(blocks, number, a, b, c):
-    level, at = number % LEVELS, number // LEVELS
-    if level == 0:
-        return blocks[0][at, a, b, c]
-    return blocks[1][at, a, b, c] if level == 1 else blocks[2][at, a, b, c]
 
 
 # ------------------------------------------------------------------------------------------------------------ queries
@@ -566,12 +536,7 @@ def queried(points, begin, end, origin, spacing, coarse, index, blocks, beyond, 
             a, x = _split(x * parts, parts)
             b, y = _split(y * parts, parts)
             c, z = _split(z * parts, parts)
-            if level == 0:
-                _collapsed(blocks[0][at], a, b, c, x, y, z, unit, found)
-            elif level == 1:
-                _collapsed(blocks[1][at], a, b, c, x, y, z, unit, found)
-            else:
-                _collapsed(blocks[2][at], a, b, c, x, y, z, unit, found)
+            _collapsed(blocks[level][at], a, b, c, x, y, z, unit, found)
         over = parts / spacing
         ox, oy, oz = (lx - cx) * spacing, (ly - cy) * spacing, (lz - cz) * spacing
         away = math.sqrt(ox * ox + oy * oy + oz * oz)

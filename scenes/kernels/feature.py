@@ -6,8 +6,6 @@ along z the nearest seed of a row, then along y and along x the lower envelope o
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from scenes.kernels import helper, kernel
@@ -153,13 +151,10 @@ def records(vertices, faces, used, out):
     """Frames of some triangles as rows of 16 single-precision numbers, one cache line each."""
     for at in range(len(used)):
         frame = framed(vertices, faces, used[at])
-        ax, ay, az, ux, uy, uz, vx, vy, vz, _, _, _, length, cx, cy, over_ac, over_bc = frame
-        row = out[at]
-        row[0], row[1], row[2] = ax, ay, az
-        row[3], row[4], row[5] = ux, uy, uz
-        row[6], row[7], row[8] = vx, vy, vz
-        row[9], row[10], row[11] = length, cx, cy
-        row[12], row[13] = over_ac, over_bc
+        for k in range(9):
+            out[at, k] = frame[k]
+        for k in range(9, 14):  # all but the normal
+            out[at, k] = frame[k + 3]
 
 
 @helper
@@ -199,13 +194,3 @@ def measured(record, y, band, far, squared):
                 d = to_record(record, np.int64(before[z]), fx, fy, np.float32(z))
                 if d < row[z]:
                     row[z], ids[z] = d, before[z]
-
-
-@kernel
-def roots(squared, begin, end):
-    """Squared distances of planes ``begin <= x < end`` become distances."""
-    for x in range(begin, end):
-        for y in range(squared.shape[1]):
-            row = squared[x, y]
-            for z in range(len(row)):
-                row[z] = math.sqrt(row[z])

@@ -111,15 +111,6 @@ def vote(counts, low, high, votes):
 
 
 @kernel
-def unanimous(votes):
-    """True where all three axes vote alike on every node."""
-    split = 0
-    for n in range(len(votes)):
-        split += votes[n] != 3 and votes[n] != 48
-    return split == 0
-
-
-@kernel
 def turned(votes, scale, distance):
     """Scale distances and turn those negative whose vote is for solid."""
     for n in range(len(votes)):

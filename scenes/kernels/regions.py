@@ -101,25 +101,6 @@ def tally(region, votes, distance, count):
     return free, solid, deepest
 
 
-@kernel
-def descending(distance, chosen, order):
-    """Nodes that are chosen, by falling distance in steps of a quarter of a voxel, into `order`; returns how many."""
-    levels = 4096
-    start = np.zeros(levels + 1, np.int64)
-    for n in range(len(distance)):
-        if chosen[n]:
-            start[levels - min(int(distance[n] * 4), levels - 1)] += 1
-    for level in range(1, levels + 1):
-        start[level] += start[level - 1]
-    count = start[levels]
-    for n in range(len(distance) - 1, -1, -1):
-        if chosen[n]:
-            level = levels - min(int(distance[n] * 4), levels - 1)
-            start[level] -= 1
-            order[start[level]] = n
-    return count
-
-
 @helper
 def _unite(parent, label, n, q):
     """Join the sets of two nodes unless their labels contradict each other."""
@@ -131,15 +112,14 @@ def _unite(parent, label, n, q):
 
 
 @kernel
-def flood(order, count, distance, crossed, shape, label, parent):
+def flood(order, distance, crossed, shape, label, parent):
     """Grow labelled nodes (1 free, 2 solid) into the unlabelled from wide places to narrow ones.
 
     Sets with different labels meet where the way between them is narrowest, and stay apart. A node joins its widest
     neighbour first, or a set that came through a crack would run on beside the wall. `parent` is -1 everywhere before,
     and -1 or a root after; a root's label is that of its set.
     """
-    for at in range(count):
-        n = order[at]
+    for n in order:
         parent[n] = n
         widest = -1
         for side in range(6):
@@ -152,8 +132,7 @@ def flood(order, count, distance, crossed, shape, label, parent):
                 q = _neighbour(crossed, shape, n, side)
                 if q >= 0 and q != widest and parent[q] >= 0 and parent[q] != parent[n]:
                     _unite(parent, label, n, q)
-    for at in range(count):
-        n = order[at]
+    for n in order:
         parent[n] = _root(parent, n)
 
 

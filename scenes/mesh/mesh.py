@@ -143,9 +143,13 @@ def load_parts(path: str | Path, unit: str | None = None, up: str | None = None)
         name: Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name, str(path), unit, up)
         for name, vertices, faces in _read(path, _BY_OBJECT.get(path.suffix.lower(), {}))
     }
-    corners = np.concatenate([mesh.bounds for mesh in meshes.values()])
-    _check_extent(path, unit, np.stack([corners.min(axis=0), corners.max(axis=0)]))
+    _check_extent(path, unit, hull([mesh.bounds for mesh in meshes.values()]))
     return meshes
+
+
+def hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
+    """Bounds ``[2, 3]`` around several."""
+    return np.stack([np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)])
 
 
 _BY_OBJECT = {

@@ -1,9 +1,10 @@
-"""Analytic shapes with exact distances, at rest or moving."""
+"""Analytic shapes with exact distances, shapes that move, and solids cut from other solids."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, dataclass
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,11 +15,51 @@ from torch import Tensor
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh
 from scenes.motion.frames import about_y
-from scenes.motion.waypoints import Number, Vector, Waypoints, moment, number_of, positive, vector
+from scenes.motion.waypoints import Number, Vector, Waypoints, moment
+from scenes.numbers import finite, positive, vector
+
+
+def _sizes(value: Any, what: str) -> tuple[float, float, float]:
+    x, y, z = (positive(length, what) for length in vector(value, what))
+    return x, y, z
+
+
+def _motion(value: Any, what: str) -> Waypoints | None:
+    """Waypoints, or a table of them as a task file states it."""
+    if value is None or isinstance(value, Waypoints):
+        return value
+    if not isinstance(value, dict) or set(value) != {"times", "positions"}:
+        raise UserError(f"{what} is a table of exactly 'times' and 'positions', not {value!r}")
+    if not all(isinstance(entry, list | tuple) for entry in value.values()):
+        raise UserError(f"the 'times' and 'positions' of a {what} are lists, not {value!r}")
+    return Waypoints(**value)
+
+
+_CHECKS: dict[str, Callable[[Any, str], Any]] = {
+    **dict.fromkeys(("center", "a", "b", "point", "normal"), vector),
+    **dict.fromkeys(("radius", "height"), positive),
+    "size": _sizes,
+    "yaw": finite,
+    "motion": _motion,
+}
+"""What becomes of a shape's field, by its name."""
+
+
+class _Shape:
+    """Fields of a shape are checked, and stored as floats."""
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):  # type: ignore[arg-type]  # every shape is a dataclass
+            object.__setattr__(self, entry.name, self.checked(entry.name, getattr(self, entry.name)))
+
+    @classmethod
+    def checked(cls, name: str, value: Any) -> Any:
+        """What a field becomes; raises UserError for a value that it cannot have."""
+        return _CHECKS[name](value, f"{cls.__name__.lower()} {'end ' if name in ('a', 'b') else ''}{name}")
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(_Shape):
     """A box, upright, turned by `yaw`.
 
     Attributes:
@@ -30,13 +71,6 @@ class Box:
     center: Vector
     size: Vector
     yaw: Number = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", vector(self.center, "box center"))
-        object.__setattr__(self, "size", vector(self.size, "box size"))
-        for length in self.size:
-            positive(length, "box size")
-        object.__setattr__(self, "yaw", number_of(self.yaw, "box yaw"))
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive outside) at `points` (m); `time` is ignored, a box does not move."""
@@ -54,7 +88,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Shape):
     """A ball.
 
     Attributes:
@@ -66,10 +100,6 @@ class Sphere:
     center: Vector
     radius: Number
     motion: Waypoints | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", vector(self.center, "sphere center"))
-        object.__setattr__(self, "radius", positive(self.radius, "sphere radius"))
 
     def center_at(self, time: Tensor | None, like: Tensor) -> Float[Tensor, "*t 3"]:
         """Centre (m) at `time` (s); at 0 s when None."""
@@ -90,7 +120,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(_Shape):
     """All points within `radius` of the segment from `a` to `b`.
 
     Attributes:
@@ -103,11 +133,6 @@ class Capsule:
     b: Vector
     radius: Number
     motion: Waypoints | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "a", vector(self.a, "capsule end a"))
-        object.__setattr__(self, "b", vector(self.b, "capsule end b"))
-        object.__setattr__(self, "radius", positive(self.radius, "capsule radius"))
 
     def ends_at(self, time: Tensor | None, like: Tensor) -> tuple[Float[Tensor, "*t 3"], Float[Tensor, "*t 3"]]:
         """Both ends (m) at `time` (s); at 0 s when None."""
@@ -140,7 +165,7 @@ class Capsule:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(_Shape):
     """An upright cylinder.
 
     Attributes:
@@ -151,11 +176,6 @@ class Cylinder:
     center: Vector
     radius: Number
     height: Number
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "center", vector(self.center, "cylinder center"))
-        object.__setattr__(self, "radius", positive(self.radius, "cylinder radius"))
-        object.__setattr__(self, "height", positive(self.height, "cylinder height"))
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive outside) at `points` (m); `time` is ignored."""
@@ -175,7 +195,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(_Shape):
     """The half space behind a plane.
 
     Attributes:
@@ -187,12 +207,11 @@ class Plane:
     normal: Vector = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", vector(self.point, "plane point"))
-        normal = vector(self.normal, "plane normal")
-        length = math.sqrt(sum(n * n for n in normal))
+        super().__post_init__()
+        length = math.sqrt(sum(n * n for n in self.normal))
         if length == 0:
             raise UserError("plane normal is (0, 0, 0); give the direction in which space is free")
-        object.__setattr__(self, "normal", tuple(n / length for n in normal))
+        object.__setattr__(self, "normal", tuple(n / length for n in self.normal))
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Exact signed distance (m, positive in front) at `points` (m); `time` is ignored."""
@@ -237,20 +256,4 @@ def primitive(shape: str, **parameters: Any) -> Primitive:
     missing = [name for name, entry in known.items() if entry.default is MISSING and name not in parameters]
     if missing:
         raise UserError(f"primitive '{shape}': missing {' and '.join(missing)}; it takes {', '.join(known)}")
-    return kind(**{name: _parsed(name, value, shape) for name, value in parameters.items()})
-
-
-def _parsed(name: str, value: Any, shape: str) -> Any:
-    """A parameter's plain value as its class takes it."""
-    if name == "motion":
-        if isinstance(value, Waypoints):
-            return value
-        if not isinstance(value, dict) or set(value) != {"times", "positions"}:
-            raise UserError(f"primitive '{shape}': motion is a table of exactly 'times' and 'positions', not {value!r}")
-        times, positions = value["times"], value["positions"]
-        if not isinstance(times, list | tuple) or not isinstance(positions, list | tuple):
-            raise UserError(f"primitive '{shape}': motion's 'times' and 'positions' are lists, not {value!r}")
-        numbers = tuple(number_of(time, f"waypoint time {i}") for i, time in enumerate(times))
-        return Waypoints(numbers, tuple(vector(p, f"waypoint {i}") for i, p in enumerate(positions)))
-    what = f"{shape} {name}"
-    return number_of(value, what) if name in ("radius", "height", "yaw") else vector(value, what)
+    return kind(**{name: kind.checked(name, value) for name, value in parameters.items()})

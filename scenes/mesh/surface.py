@@ -35,10 +35,16 @@ def clean(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarr
     index, kept = weld.welded(bits, _table(len(vertices)))
     unique = np.ascontiguousarray(vertices[kept], dtype=np.float64)
     distinct = weld.distinct(faces, index, _table(len(faces)))
-    keys = weld.edge_keys(distinct, len(unique))
-    keys.sort()
     flat = weld.slivers(unique, distinct)
-    return unique, distinct[~flat], distinct[flat], len(weld.unmatched(keys))
+    return unique, distinct[~flat], distinct[flat], len(_unmatched(distinct, len(unique)))
+
+
+def _unmatched(faces: np.ndarray, vertices: int) -> np.ndarray:
+    """Edges whose uses in the two directions differ, ``first * vertices + second`` each."""
+    keys = weld.edge_keys(faces, vertices)
+    keys.sort()
+    unmatched: np.ndarray = weld.unmatched(keys)
+    return unmatched
 
 
 def _table(entries: int) -> np.ndarray:
@@ -65,8 +71,7 @@ def sheets(surface: Surface, thickness: float) -> np.ndarray:
     thin = 2 * np.abs(volume) < thickness * area
     for which in np.flatnonzero(~thin & (area > 0)):
         own = faces[piece == which]
-        keys = np.sort(weld.edge_keys(own, count))
-        thin[which] = len(weld.unmatched(keys)) > NEARLY_CLOSED * 1.5 * len(own)
+        thin[which] = len(_unmatched(own, count)) > NEARLY_CLOSED * 1.5 * len(own)
     return np.asarray(faces[thin[piece]])
 
 
@@ -119,9 +124,8 @@ class Surface:
     @property
     def open_edges(self) -> np.ndarray:
         """Both ends of every unmatched edge: where the surface has holes, ``[n, 2, 3]``, world metres."""
-        keys = weld.edge_keys(np.concatenate([self.faces, self.slivers]), len(self.vertices))
-        keys.sort()
-        ends = np.stack(np.divmod(weld.unmatched(keys), len(self.vertices)), axis=1)
+        edges = _unmatched(np.concatenate([self.faces, self.slivers]), len(self.vertices))
+        ends = np.stack(np.divmod(edges, len(self.vertices)), axis=1)
         return np.asarray(self.vertices[ends] + self.centre)
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.kernels import parts
+from scenes.kernels import spans
 from scenes.kernels.winding import LEAF, clusters, morton, winding
 
 _CHUNK = 256
@@ -46,10 +46,6 @@ class Dipoles:
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         out = np.empty(len(points))
-
-        def chunk(i: int) -> None:
-            end = min(_CHUNK * (i + 1), len(points))
-            winding(self.vertices, self.faces, self.order, self.tree, reach, points, _CHUNK * i, end, out)
-
-        parts(chunk, -(-len(points) // _CHUNK), threads)
+        tree = (self.vertices, self.faces, self.order, self.tree, reach)
+        spans(lambda begin, end: winding(*tree, points, begin, end, out), len(points), _CHUNK, threads)
         return out

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, read_arrays
 from scenes.motion.frames import about_y
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
@@ -128,27 +128,23 @@ class Motion:
     @classmethod
     def load(cls, path: str | Path) -> Motion:
         """Read a file that `save` wrote; raises UserError for anything else."""
-        path = Path(path)
-        if not path.is_file():
-            raise UserError(f"motion file '{path}' does not exist")
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                skeleton = Skeleton(
-                    tuple(str(name) for name in data["joint_names"]),
-                    tuple(int(parent) for parent in data["parents"]),
-                    tuple((float(o[0]), float(o[1]), float(o[2])) for o in data["offsets"]),
-                )
-                joints = torch.from_numpy(data["joints"].astype(np.float32))
-                valid = torch.from_numpy(data["valid"].astype(bool))
-                motion = cls(joints, valid, float(data["fps"]), float(data["t0"]), skeleton)
-        except UserError as error:
-            raise UserError(f"motion file '{path}': {error}") from error
-        except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-            raise UserError(f"motion file '{path}' is not a motion written by scenectl ({error})") from error
+        return read_arrays(path, "motion file", cls._from_arrays, "save the motion again")
+
+    @classmethod
+    def _from_arrays(cls, data: Any) -> Motion:
+        """What `save` wrote; raises ValueError or UserError where it is unsound."""
+        skeleton = Skeleton(
+            tuple(str(name) for name in data["joint_names"]),
+            tuple(int(parent) for parent in data["parents"]),
+            tuple((float(o[0]), float(o[1]), float(o[2])) for o in data["offsets"]),
+        )
+        joints = torch.from_numpy(data["joints"].astype(np.float32))
+        valid = torch.from_numpy(data["valid"].astype(bool))
+        motion = cls(joints, valid, float(data["fps"]), float(data["t0"]), skeleton)
         if joints.numel() == 0:
-            raise UserError(f"motion file '{path}' holds no frames")
+            raise ValueError("it holds no frames")
         if not (0 < motion.fps < float("inf")):
-            raise UserError(f"motion file '{path}' has {motion.fps:g} frames a second; it must be more than 0")
+            raise ValueError(f"it has {motion.fps:g} frames a second, which must be more than 0")
         if not torch.isfinite(joints).all():
-            raise UserError(f"motion file '{path}' holds joint positions that are not finite")
+            raise ValueError("it holds joint positions that are not finite")
         return motion

@@ -1,11 +1,10 @@
-"""Positions at times, and the numbers and points that people state them in."""
+"""Positions at times."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -13,35 +12,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenes.errors import UserError
+from scenes.numbers import finite, vector
 
 Number: TypeAlias = float | int
 Vector: TypeAlias = Sequence[Number]
 """Three numbers x, y, z; stored as a tuple of floats."""
-
-
-def vector(value: Any, what: str) -> tuple[float, float, float]:
-    """A point as three floats, whatever a task file states; raises UserError, naming `what`, for anything else."""
-    try:
-        x, y, z = (float(number) for number in value)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{what} is {value!r}; give three numbers x, y, z in metres") from error
-    if not all(math.isfinite(number) for number in (x, y, z)):
-        raise UserError(f"{what} is {value!r}; give three finite numbers x, y, z in metres")
-    return x, y, z
-
-
-def number_of(value: Any, what: str) -> float:
-    """A finite number; raises UserError, naming `what`, for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UserError(f"{what} is {value!r}; give a finite number")
-    return float(value)
-
-
-def positive(value: Any, what: str) -> float:
-    """A positive number of metres; raises UserError, naming `what`, for anything else."""
-    if (number := number_of(value, what)) <= 0:
-        raise UserError(f"{what} is {value}; give a positive number of metres")
-    return number
 
 
 @dataclass(frozen=True)
@@ -57,7 +32,7 @@ class Waypoints:
     positions: Sequence[Vector]
 
     def __post_init__(self) -> None:
-        times = tuple(number_of(time, f"waypoint time {i}") for i, time in enumerate(self.times))
+        times = tuple(finite(time, f"waypoint time {i}") for i, time in enumerate(self.times))
         positions = tuple(vector(p, f"waypoint {i}") for i, p in enumerate(self.positions))
         if len(times) == 0 or len(times) != len(positions):
             raise UserError(f"waypoints have {len(times)} times and {len(positions)} positions; give as many of each")

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.kernels import blocks as kernels, parts, rays, regions
+from scenes.kernels import blocks as kernels, parts, rays, regions, spans
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
@@ -22,7 +23,7 @@ from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
 from scenes.sdf.free_space import Rule, decide
 from scenes.sdf.lattice import Lattice
-from scenes.sdf.settings import Cache, FreeSpace, check_free_space, check_metres, check_spacing
+from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import grown, sign
 
 BAND = 2.0
@@ -70,22 +71,19 @@ def bake_blocks(
         UserError: numbers out of range, an unknown rule, a mesh without area or too large for its spacing, or a seed
             point outside the padded bounds or on a surface.
     """
-    check_metres("padding", padding, 100)
+    asked = BakeSettings(free_space=free_space, padding=padding, spacing=spacing)
     for what, number in (("tolerance", tolerance), ("slope", slope)):
         if not 0 <= number <= 1:
             raise UserError(f"bake {what} is {number}; give 0 to 1")
-    free_space = check_free_space(free_space)
-    lattice = coarse_lattice(mesh, float(spacing), float(padding))
-    facts = (FORMAT, "blocks", mesh.digest, mesh.name, lattice, free_space, float(tolerance), float(slope))
+    lattice, rule = coarse_lattice(mesh, float(spacing), float(padding)), asked.free_space
+    how = (float(tolerance), float(slope))
+    facts = (FORMAT, "blocks", mesh.digest, mesh.name, lattice, rule, *how)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
-    return cached(
-        cache, key, SdfBlocks, lambda: _baked(mesh, lattice, free_space, float(tolerance), float(slope), threads)
-    )
+    return cached(cache, key, SdfBlocks, lambda: _baked(mesh, lattice, rule, *how, threads))
 
 
 def coarse_lattice(mesh: Mesh, spacing: float, padding: float) -> Lattice:
     """The coarse nodes around a mesh; raises UserError where there would be too many."""
-    check_spacing(spacing)
     size = np.ptp(mesh.bounds, axis=0) + 2 * padding
     nodes = float(np.prod(np.ceil(size / (CELL * spacing)) + 1))
     if nodes > LARGEST:
@@ -157,12 +155,13 @@ class _Builder:
             for level in range(LEVELS):
                 kernels.adopted(index, cells[level], level + 1, tuple(blocks), blocks[level])
         for level in range(LEVELS):
-            self._join(index, cells[level], level + 1, blocks[level])
+            join = partial(kernels.joined, index, cells[level], level + 1, blocks[level])
+            spans(join, len(blocks[level]), _CHUNK, self.threads)
         origin = np.array(self.lattice.origin)
         return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.rule.beyond)
 
     def _put_together(self, found: list[_Found], level: int, count: int) -> np.ndarray:
-        """The blocks of one level; columns let go of theirs on the way."""
+        """The blocks of one level; columns free theirs on the way."""
         nodes = (2 << level) + 1
         values, at = np.empty((count, nodes, nodes, nodes), dtype=np.int16), 0
         for column in found:
@@ -171,12 +170,6 @@ class _Builder:
                 at += len(piece)
             column.values[level].clear()
         return values
-
-    def _join(self, index: np.ndarray, cells: np.ndarray, level: int, values: np.ndarray) -> None:
-        def chunk(i: int) -> None:
-            kernels.joined(index, cells, level, values, _CHUNK * i, min(_CHUNK * (i + 1), len(values)))
-
-        parts(chunk, -(-len(values) // _CHUNK), self.threads)
 
     def _column(self, column: int) -> _Found:
         """The bricks with the same x and z."""

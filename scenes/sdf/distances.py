@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from scenes.kernels import parts
-from scenes.kernels.feature import SEED, measured, nearest_triangles, numbered, records, roots, seeds_in_plane
+from scenes.kernels import parts, spans
+from scenes.kernels.feature import SEED, measured, nearest_triangles, numbered, records, seeds_in_plane
 from scenes.kernels.splat import binned, splat
 from scenes.mesh.surface import Surface
 from scenes.sdf.lattice import Lattice
@@ -83,7 +83,7 @@ def unsigned(soup: Soup, threads: int | None = None) -> np.ndarray:
         measured(record.reshape(-1), y, np.float32(BAND * BAND), far, squared)
 
     parts(beyond, shape[1], threads)
-    parts(lambda slab: roots(squared, *soup.planes(slab)), soup.slabs, threads)
+    spans(lambda begin, end: np.sqrt(squared[begin:end], out=squared[begin:end]), shape[0], SLAB, threads)
     return squared
 
 

@@ -42,28 +42,24 @@ class Lattice:
     @classmethod
     def around(cls, bounds: np.ndarray, resolution: int, padding: float | int = 0.0) -> Lattice:
         """The lattice centred on `bounds` ``[2, 3]`` (m) with `resolution` nodes along the longest padded side."""
-        low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
-        spacing = float((high - low).max()) / (resolution - 1)
-        shape = np.maximum(np.ceil((high - low) / spacing - 1e-6).astype(int) + 1, 2)
-        return cls._centred((low + high) / 2, spacing, shape)
+        return cls.spaced(bounds, _spacing(padded(bounds, padding), resolution), padding)
 
     @classmethod
     def cube(cls, bounds: np.ndarray, resolution: int, padding: float | int = 0.0) -> Lattice:
         """`resolution` nodes along every axis, centred on `bounds` ``[2, 3]`` (m): what tools bake to be compared."""
-        low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
-        spacing = float((high - low).max()) / (resolution - 1)
-        return cls._centred((low + high) / 2, spacing, np.full(3, resolution))
+        box = padded(bounds, padding)
+        return cls._centred(box, _spacing(box, resolution), np.full(3, resolution))
 
     @classmethod
     def spaced(cls, bounds: np.ndarray, spacing: float, padding: float | int = 0.0, whole: int = 1) -> Lattice:
         """The lattice centred on `bounds` ``[2, 3]`` (m) with a stated spacing (m); `whole` divides its cells."""
-        low, high = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
-        shape = np.maximum(np.ceil((high - low) / (spacing * whole) - 1e-6).astype(int), 1) * whole + 1
-        return cls._centred((low + high) / 2, spacing, shape)
+        box = padded(bounds, padding)
+        shape = np.maximum(np.ceil((box[1] - box[0]) / (spacing * whole) - 1e-6).astype(int), 1) * whole + 1
+        return cls._centred(box, spacing, shape)
 
     @classmethod
-    def _centred(cls, centre: np.ndarray, spacing: float, shape: np.ndarray) -> Lattice:
-        origin = centre - (shape - 1) / 2 * spacing
+    def _centred(cls, box: np.ndarray, spacing: float, shape: np.ndarray) -> Lattice:
+        origin = (box[0] + box[1]) / 2 - (shape - 1) / 2 * spacing
         x, y, z = (float(o) for o in origin)
         return cls((x, y, z), spacing, (int(shape[0]), int(shape[1]), int(shape[2])))
 
@@ -81,3 +77,13 @@ class Lattice:
     def nodes_at(self, flat: np.ndarray) -> np.ndarray:
         """World positions ``[n, 3]`` (m, float64) of the nodes with flat indices ``[n]``."""
         return self.nodes(np.stack(np.unravel_index(flat, self.shape), axis=-1))
+
+
+def padded(bounds: np.ndarray, padding: float | int) -> np.ndarray:
+    """Bounds ``[2, 3]`` (m) with so many metres more on each side."""
+    box: np.ndarray = np.asarray(bounds, dtype=np.float64) + np.array([[-padding], [padding]])
+    return box
+
+
+def _spacing(box: np.ndarray, resolution: int) -> float:
+    return float((box[1] - box[0]).max()) / (resolution - 1)

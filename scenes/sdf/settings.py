@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypedDict
 
 from scenes.errors import UserError, did_you_mean
+from scenes.numbers import vector
 
 FreeSpace: TypeAlias = str | Sequence[float | int]
 """`"auto"`, `"outside"`, or a point x, y, z in the air (m, world)."""
@@ -90,10 +91,4 @@ def check_free_space(free_space: Any) -> FreeSpace:
             hint = did_you_mean(free_space, ("auto", "outside"))
             raise UserError(f"unknown free-space rule '{free_space}'{hint}, or give a point [x, y, z] in the air")
         return free_space
-    try:
-        x, y, z = (float(number) for number in free_space)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"free-space seed is {free_space!r}; give three numbers x, y, z in metres") from error
-    if not all(math.isfinite(number) for number in (x, y, z)):
-        raise UserError(f"free-space seed is ({x}, {y}, {z}); give three finite numbers in metres")
-    return (x, y, z)
+    return vector(free_space, "free-space seed")

@@ -21,7 +21,7 @@ import torch
 
 from scenes.errors import UserError, did_you_mean
 from scenes.kernels import parts, union
-from scenes.mesh.mesh import Mesh
+from scenes.mesh.mesh import Mesh, hull
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import transform
 from scenes.sdf.bake import bake
@@ -102,8 +102,7 @@ class Assembly:
         if not objects:
             raise UserError("an assembly has no objects; give at least one mesh")
         if isinstance(lattice, int):
-            corners = np.concatenate([mesh.bounds for mesh in objects.values()])
-            lattice = Lattice.around(np.stack([corners.min(axis=0), corners.max(axis=0)]), lattice, padding=0.1)
+            lattice = Lattice.around(hull([mesh.bounds for mesh in objects.values()]), lattice, padding=0.1)
         self.lattice = lattice
         self.free_space = check_free_space(free_space)
         self.cache: Cache = cache
@@ -234,7 +233,7 @@ class Assembly:
         return np.zeros(3, dtype=int), np.array(self.lattice.shape)
 
     def _keep_handed_out(self) -> None:
-        """Leave values that somebody holds to them."""
+        """Copy values that are handed out."""
         if self._handed_out:
             self._values = self._values.copy()
             self._handed_out = False

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.mesh.primitives import Plane
+from scenes.numbers import positive
 from scenes.sdf.field import DistanceField
 from scenes.sdf.grid import SdfGrid
 
@@ -66,7 +67,7 @@ def closest_point(
         UserError: points that are not ``[*b, 3]``, a tolerance that is not positive, or no steps.
     """
     _check_vectors(points=points)
-    _check_positive("tolerance", tolerance)
+    positive(tolerance, "tolerance")
     if steps < 1:
         raise UserError(f"closest_point was given {steps} steps; give 1 or more")
     here = points.detach()
@@ -109,8 +110,8 @@ def march(
         UserError: shapes that differ, a direction without length, or metres that are not positive and finite.
     """
     _check_vectors(origins=origins, directions=directions)
-    _check_positive("farthest", farthest)
-    _check_positive("tolerance", tolerance)
+    positive(farthest, "farthest")
+    positive(tolerance, "tolerance")
     length = directions.detach().norm(dim=-1, keepdim=True)
     if bool((length == 0).any()):
         raise UserError("march was given a direction (0, 0, 0); give directions that point somewhere")
@@ -183,7 +184,7 @@ def swept_clearance(
         UserError: ends whose shapes differ or are not ``[*b, 3]``, or a tolerance that is not positive and finite.
     """
     _check_vectors(a0=a0, b0=b0, a1=a1, b1=b1)
-    _check_positive("tolerance", tolerance)
+    positive(tolerance, "tolerance")
     batch = a0.shape[:-1]
     ends = torch.stack([a0, b0, a1, b1], dim=-2).reshape(-1, 4, 3)
     size = torch.as_tensor(radius).to(a0).expand(batch)
@@ -270,8 +271,3 @@ def _check_vectors(**given: Tensor) -> None:
     for name, vectors in given.items():
         if vectors.ndim == 0 or vectors.shape[-1] != 3 or vectors.shape != shape:
             raise UserError(f"{name} has shape {tuple(vectors.shape)}; give {' and '.join(given)} as [*b, 3] alike")
-
-
-def _check_positive(name: str, metres: float | int) -> None:
-    if not (math.isfinite(metres) and metres > 0):
-        raise UserError(f"{name} is {metres}; give a positive number of metres")

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.errors import UserError
-from scenes.mesh.mesh import Mesh
+from scenes.mesh.mesh import Mesh, hull
 from scenes.mesh.primitives import Plane, Primitive
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import rotations
@@ -95,10 +95,7 @@ class Trajectory:
         By Rodrigues' formula the rotation is R exp(a [n]) = R + sin(a) R [n] + (1 - cos(a)) R [n]^2 after the angle a.
         """
         axis, angle = self._steps
-        none = np.zeros(len(axis))
-        cross = np.array(
-            [[none, -axis[:, 2], axis[:, 1]], [axis[:, 2], none, -axis[:, 0]], [-axis[:, 1], axis[:, 0], none]]
-        ).transpose(2, 0, 1)
+        cross = np.cross(axis[:, None], np.eye(3)).transpose(0, 2, 1)  # its columns are n x e
         still = rotations(self._unit[: len(axis)])
         return still, still @ cross, still @ cross @ cross, angle
 
@@ -262,8 +259,7 @@ class MovingObject:
         moments = np.unique(
             np.concatenate([np.linspace(a, b, 17 if fine else 2) for a, b in pairwise((*times, times[-1]))])
         )
-        boxes = np.stack([self.mesh(float(time)).bounds for time in moments])
-        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        return hull([self.mesh(float(time)).bounds for time in moments])
 
     @cached_property
     def digest(self) -> str:

@@ -15,14 +15,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
-from scenes.mesh.mesh import Mesh, load_mesh
+from scenes.mesh.mesh import Mesh, hull, load_mesh
 from scenes.mesh.primitives import Capsule, Plane, Primitive, Sphere
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.bake_blocks import bake_blocks
 from scenes.sdf.field import DistanceField
 from scenes.sdf.free_space import Rule, decide, signed_distance
-from scenes.sdf.lattice import Lattice
+from scenes.sdf.lattice import Lattice, padded
 from scenes.sdf.settings import BakeOptions, BakeSettings, FreeSpace
 from scenes.world.floor.ground import Floor, find_floor
 from scenes.world.moving import MovingObject
@@ -159,7 +159,7 @@ class Scene:
         found = []
         for mesh in self.meshes:
             surface = Surface.of(mesh)
-            rule = decide(surface, self._free_space_of(mesh), self._padded(mesh), mesh.name)
+            rule = decide(surface, self._free_space_of(mesh), padded(mesh.bounds, self.padding), mesh.name)
             found.append((surface, rule, thin_walls(surface, self.baking.thickness)))
         return tuple(found)
 
@@ -171,12 +171,8 @@ class Scene:
         return "outside"
 
     def _holds_seed(self, mesh: Mesh) -> bool:
-        (low, high), seed = self._padded(mesh), np.array(self.baking.free_space)
+        (low, high), seed = padded(mesh.bounds, self.padding), np.array(self.baking.free_space)
         return bool((low <= seed).all() and (seed <= high).all())
-
-    def _padded(self, mesh: Mesh) -> np.ndarray:
-        padded: np.ndarray = mesh.bounds + np.array([[-self.padding], [self.padding]])
-        return padded
 
     @cached_property
     def floor(self) -> Floor:
@@ -208,9 +204,9 @@ class Scene:
         solids = [mesh.bounds for mesh in self.meshes] + [thing.bounds for thing in self.objects]
         solids += [_reach(p) for p in self.primitives if not isinstance(p, Plane)]
         if self.meshes:
-            return _hull(solids)
+            return hull(solids)
         low = self.stated_floor or 0.0
-        return _hull([*solids, np.array([[-20.0, low, -20.0], [20.0, low + 4.0, 20.0]])])
+        return hull([*solids, np.array([[-20.0, low, -20.0], [20.0, low + 4.0, 20.0]])])
 
     @cached_property
     def digest(self) -> str:
@@ -231,14 +227,10 @@ class Scene:
         return f"Scene('{self.name}', {counts})"
 
 
-def _hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
-    return np.stack([np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)])
-
-
 def _reach(shape: Primitive) -> np.ndarray:
     """Bounds ``[2, 3]`` of a primitive over its whole motion."""
     if isinstance(shape, Sphere | Capsule) and shape.motion is not None:
-        return _hull([shape.mesh(time).bounds for time in shape.motion.times])
+        return hull([shape.mesh(time).bounds for time in shape.motion.times])
     return shape.mesh().bounds
 
 

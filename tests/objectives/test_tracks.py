@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from objectives import Arc, ArrayTrack, Line, Sinusoid, Term, Waypoints
+from objectives import Arc, ArrayTrack, Line, Sinusoid, Term, WaypointTrack
 from objectives.tracks import held_position
 from scenes.errors import UserError
 
@@ -37,11 +37,11 @@ def test_sinusoid_waves_across_its_line() -> None:
 
 def test_waypoints_agree_with_numpy() -> None:
     knots, points = [0.5, 1.0, 2.5], np.array([[0, 0, 0], [1, 2, 3], [-1, 0, 4.0]])
-    track = Waypoints(times=knots, positions=points.tolist())
+    track = WaypointTrack(times=knots, positions=points.tolist())
     times = np.linspace(0, 3, 50)
     expected = np.stack([np.interp(times, knots, points[:, axis]) for axis in range(3)], axis=-1)
     assert np.allclose(at(track, *times), expected)
-    assert at(Waypoints(times=[1.0], positions=[(1, 2, 3)]), 0, 5) == [[1, 2, 3]] * 2
+    assert at(WaypointTrack(times=[1.0], positions=[(1, 2, 3)]), 0, 5) == [[1, 2, 3]] * 2
 
 
 def test_array_hits_its_samples_and_leaves_gaps_free() -> None:

@@ -9,7 +9,8 @@ import typer
 
 from scenectl.bench.commands.shared import measured, shown, wrote
 from scenectl.console.console import cell, literal, out
-from scenectl.console.options import DATA, Data, Generator, Json, Seed, Threads, Weights
+from scenectl.console.options import DATA, Data, Generators, Json, Seed, Threads, Weights
+from scenes.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +25,7 @@ def generator(
     repeats: Annotated[int, typer.Option(min=1, help="Of everything random; intervals come from them.")] = 20,
     seed: Seed = 0,
     weights: Weights = "default",
-    generator: Generator = "mscot",
+    generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
     plot_file: Annotated[Path | None, typer.Option("--plot", help="Draw the confusion of kinds to this file.")] = None,
@@ -35,6 +36,8 @@ def generator(
     from scenectl.evaluation.evaluator import load_evaluator
     from scenectl.evaluation.kinds import load_classifier
 
+    if len(generator or ()) > 1 and (plot_file or page):
+        raise UserError("--plot and --page show one generator; name one, or leave them out")
     judge, classifier = load_evaluator(evaluator, evaluator_folder), load_classifier()
     result = measured(
         lambda maker, engine: bench_generator(maker, judge, classifier, data, clips, repeats, seed, engine),
@@ -49,12 +52,15 @@ def generator(
 
 
 def _show(result: Mapping[str, Any], json_file: Path | None) -> None:
-    out.print(
-        literal(f"evaluator: {result['evaluator']}; {result['clips']} test clips; never beside published figures")
-    )
+    evaluator, clips, several = result["evaluator"], result["clips"], {"": result["kinds"]}
+    if isinstance(evaluator, dict):  # by generator
+        (evaluator, *_), (clips, *_), several = evaluator.values(), clips.values(), result["kinds"]
+    out.print(literal(f"evaluator: {evaluator}; {clips} test clips; never beside published figures"))
     shown(result, json_file)
-    recall = result["kinds"]["generated"]["recall"]
-    out.print(literal("recall by kind: " + ", ".join(f"{kind} {cell(share)}" for kind, share in recall.items())))
+    for name, kinds in several.items():
+        recall = kinds["generated"]["recall"]
+        shares = ", ".join(f"{kind} {cell(share)}" for kind, share in recall.items())
+        out.print(literal(f"recall by kind{name and f' of {name}'}: {shares}"))
 
 
 def _write_page(result: Mapping[str, Any], weights: str, plot_file: Path | None, page: Path) -> None:
@@ -63,4 +69,4 @@ def _write_page(result: Mapping[str, Any], weights: str, plot_file: Path | None,
 
     with atomic_write(page, "w") as file:
         file.write(evaluation_page(result, weights, plot_file))
-    out.print(f"wrote {page}")
+    wrote(page)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from scenectl.bench.commands.shared import measured, shown
-from scenectl.console.options import DATA, Data, Generator, Json, Threads, Weights
+from scenectl.console.options import DATA, Data, Generators, Json, Threads, Weights
 
 
 def tokenizer(
     data: Data = DATA,
     weights: Weights = "default",
-    generator: Generator = "mscot",
+    generator: Generators = None,
     threads: Threads = None,
     json_file: Json = None,
 ) -> None:

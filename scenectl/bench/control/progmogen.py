@@ -24,9 +24,9 @@ import torch
 
 from objectives import Objective, Term
 from scenectl.bench.control.keyframes import ON_FLOOR
+from scenectl.bench.control.progmogen_prompts import FPS, HeadHeights, ProgMoGenPrompts, Prompt, load_progmogen
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import GuidanceSettings, SolverSettings
-from scenectl.data.progmogen import FPS, HeadHeights, ProgMoGenPrompts, Prompt, load_progmogen
 from scenectl.generators.base import Generator
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.pipeline.generation import make

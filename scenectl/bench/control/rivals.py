@@ -69,14 +69,7 @@ class Remembered:
 
     def __init__(self, encoder: TextEncoder) -> None:
         self.encoder, self.known = encoder, dict[tuple[str, ...], TextFeatures]()
-
-    @property
-    def name(self) -> str:
-        return self.encoder.name
-
-    @property
-    def dim(self) -> int:
-        return self.encoder.dim
+        self.name, self.dim = encoder.name, encoder.dim
 
     def encode(self, prompts: list[str]) -> TextFeatures:
         if tuple(prompts) not in self.known:

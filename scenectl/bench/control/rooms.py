@@ -87,7 +87,7 @@ def bench_rooms(
         meshes: scans or models in metres, y up; the bundled scenes `FALLBACK` where none is given.
         tasks: walks in each room.
         seed: of starts, targets and motions.
-        samples: motions made for each task, of which the best by the objective is scored; refinement ends by default as
+        samples: motions made for each task, of which the first-ranked is scored; refinement ends by default as
             soon as one of them meets all goals.
         radius: clearance (m) of starts, targets and paths.
         solver: instead of the default.
@@ -190,7 +190,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
-        "uncontrolled_pace_m_per_s": float(metrics.path_length(free)) * free.fps / (free.frames - 1),
+        "uncontrolled_pace_m_per_s": float(metrics.travelled(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
     }
 

@@ -11,7 +11,7 @@ from scenectl.bench.engine import ENGINE, Engine, Row
 from scenectl.data.corpus import load_motions
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
 from scenectl.generators.base import Generator
-from scenectl.measures.metrics import max_acceleration, path_length, skating_ratio
+from scenectl.measures.metrics import max_acceleration, skating_ratio, travelled
 from scenectl.view.strips import draw_strips
 from scenes.errors import UserError
 from scenes.files import atomic_write
@@ -63,7 +63,7 @@ def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, en
 def _rows(picture: str, prompt: str, motion: Motion) -> list[Row]:
     """Figures of every sample of one prompt."""
     figures = zip(
-        path_length(motion).tolist(), skating_ratio(motion).tolist(), max_acceleration(motion).tolist(), strict=True
+        travelled(motion).tolist(), skating_ratio(motion).tolist(), max_acceleration(motion).tolist(), strict=True
     )
     return [
         {"prompt": prompt, "picture": picture, "sample": s + 1, "way_m": way, "skating": skating, "acceleration": peak}

@@ -32,7 +32,7 @@ from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.generators.mscot.training.refiner import train_refiner
+from scenectl.generators.mscot.training.reconstruction import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.threads import use
@@ -125,8 +125,8 @@ class Bench:
         measure: Measure | None = None,
     ) -> list[Row]:
         """Rows of small models."""
-        models = self.out / "models"
-        return sweep(TRAINING, self.recipe, variants, self.data, models, self.iterations, self.where, progress, measure)
+        run = Run(TRAINING, self.recipe, self.data, self.out / "models", where=self.where)
+        return sweep(run, variants, self.iterations, progress, measure)
 
     def rows(
         self, name: str, cases: Sequence[tuple[str, C]], measure: Callable[[C], Row], progress: Progress

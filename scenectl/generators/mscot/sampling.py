@@ -208,7 +208,7 @@ class MSCoT:
         return posterior
 
     def _placed(self, state: _State, features: Float[Tensor, "S T c"]) -> Motion:
-        """World motion of features, without the frames that nobody asked for."""
+        """World motion of features, cut to the frames that were asked for."""
         motion = Motion(features_to_joints(features[:, : state.frames]), fps=FPS)
         return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
 

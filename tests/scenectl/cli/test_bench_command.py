@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.scenectl.training.folder import walks
+from tests.scenectl.small import walk
+from tests.scenectl.training.folder import walks, write_folder
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +51,21 @@ def test_shards_come_together(keyframes: Callable) -> None:
     said, found = keyframes()
     assert said.status == 0 and [row["joint"] for row in found["rows"]] == [row["joint"] for row in whole["rows"]]
     assert found["rows"][0] == part["rows"][0]  # seconds, too: it was not measured again
+
+
+def test_evaluations_of_several_generators_are_told_apart(
+    scenectl: Callable, tiny_generator: None, tmp_path: Path
+) -> None:
+    clips = {f"c{i}": (walk(40 + i % 5, speed=0.8 + 0.03 * i), {"split": "test"}) for i in range(33)}
+    folder, file = write_folder(tmp_path / "data", clips), tmp_path / "found.json"
+    two = ("bench", "generator", "--data", folder, "--repeats", 2, "--generator", "one", "--generator", "two")
+    said = scenectl(*two, "--json", file)
+    assert said.status == 0 and "evaluator: own" in said.out and "recall by kind of two" in said.out
+    found = json.loads(file.read_text())
+    assert [(row["generator"], row["set"]) for row in found["rows"][1:3]] == [("one", "generated"), ("two", "real")]
+    assert found["summary"]["one"] == found["summary"]["two"] and set(found["kinds"]) == {"one", "two"}
+    said = scenectl(*two, "--page", tmp_path / "page.md")
+    assert said.status == 2 and "--plot and --page show one generator" in said.err
 
 
 def test_mistakes_are_answered_in_a_sentence(keyframes: Callable, scenectl: Callable, data: Path) -> None:

@@ -15,9 +15,9 @@ from scenectl.measures.metrics import (
     lowest_sole,
     max_acceleration,
     measure,
-    path_length,
     pose_change,
     skating_ratio,
+    travelled,
 )
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.primitives import Box, Sphere
@@ -103,7 +103,7 @@ def test_max_acceleration_has_no_fps_and_ignores_padding() -> None:
 def test_bones_paths_and_soles() -> None:
     motion = sliding(1.0, 41).placed(Pose2D((3.0, 1.0 + DEFAULT_BODY.sole_offset, -2.0), heading=1.1))
     assert float(bone_length_drift(motion)) < 1e-5
-    assert float(path_length(motion)) == pytest.approx(2.0, abs=1e-4)
+    assert float(travelled(motion)) == pytest.approx(2.0, abs=1e-4)
     assert float(lowest_sole(motion, floor=1.0)) == pytest.approx(0.0, abs=1e-5)
     joints = motion.joints.clone()
     joints[7, 21, 1] += 0.03  # the right forearm points down: 3 cm up is 3 cm shorter

@@ -83,9 +83,9 @@ def test_refinement_draws_the_kept_frames_onto_the_original(generator: MSCoT) ->
 
 def generator_edit(generator: MSCoT, gone: Tensor, iterations: int) -> float:
     from scenectl.control import SolverSettings
-    from scenectl.pipeline.editing import Keeping, refined
+    from scenectl.pipeline.editing import SeamGuide, refined
 
-    guide = Keeping(WALK, ~gone)
+    guide = SeamGuide(WALK, ~gone)
     step = generator.edit(WALK, gone, "a person walks", guide=guide).step
     assert step is not None
     return float(guide.cost(refined(step, guide, SolverSettings(iterations=iterations))))

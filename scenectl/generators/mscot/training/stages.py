@@ -12,16 +12,14 @@ from typing import Any, Literal
 from torch import nn
 
 from scenectl.data.clips import ClipSet, beginnings
-from scenectl.generators.mscot.bundle import load_bundle
+from scenectl.generators.mscot.bundle import build, load_bundle
 from scenectl.generators.mscot.config import ModelConfig
 from scenectl.generators.mscot.networks.preconditioner import Preconditioner
-from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Decoder, Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
-from scenectl.generators.mscot.training.decoder import train_decoder
 from scenectl.generators.mscot.training.measures import code_use, least_use, measure_tokenizer, round_trip
 from scenectl.generators.mscot.training.preconditioner import measure_preconditioner
-from scenectl.generators.mscot.training.refiner import train_refiner
+from scenectl.generators.mscot.training.reconstruction import train_decoder, train_refiner
 from scenectl.generators.mscot.training.tokenizer import REVIVED, TokenizerTraining, train_tokenizer
 from scenectl.generators.mscot.training.transformer import (
     TransformerTraining,
@@ -83,15 +81,6 @@ def _refiner(run: MSCoTRun, settings: ReconstructionTraining, job: Job) -> Loop:
 def _transformer(run: MSCoTRun, settings: TransformerTraining, job: Job) -> Loop:
     tokenizer = tokenizer_of(run, decoder=False)  # tokens, in which the decoder has no part
     return train_transformer(run.recipe.model.transformer, tokenizer, run.encoder(), settings, job)
-
-
-def _new_transformer(config: ModelConfig) -> ScaleTransformer:
-    tokenizer = config.tokenizer
-    return ScaleTransformer(config.transformer, tokenizer.codes, tokenizer.code_dim, len(tokenizer.scales))
-
-
-def _new_refiner(config: ModelConfig) -> Refiner:
-    return Refiner(config.refiner, config.tokenizer.code_dim, len(config.tokenizer.scales))
 
 
 def _restarts(loop: Loop) -> list[str]:
@@ -173,8 +162,8 @@ TRAINING = Training(
     stages=(
         Stage("tokenizer", lambda model: Tokenizer(model.tokenizer), _tokenizer, report=_restarts),
         Stage("decoder", lambda model: Decoder(model.tokenizer), _decoder, needs=("tokenizer",)),
-        Stage("refiner", _new_refiner, _refiner, needs=("tokenizer", "decoder")),
-        Stage("transformer", _new_transformer, _transformer, needs=("tokenizer",), reads_text=True),
+        Stage("refiner", lambda model: build(model)[2], _refiner, needs=("tokenizer", "decoder")),
+        Stage("transformer", lambda model: build(model)[1], _transformer, needs=("tokenizer",), reads_text=True),
     ),
     parts={
         "tokenizer": tokenizer_of,

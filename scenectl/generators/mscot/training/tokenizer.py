@@ -4,43 +4,34 @@ from __future__ import annotations
 
 import torch
 from jaxtyping import Float, Int
-from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
 from scenectl.generators.mscot.config import TokenizerConfig
 from scenectl.generators.mscot.networks.tokenizer import Quantised, Tokenizer
-from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
-from scenectl.training.losses import ReconstructionWeights, reconstruction_loss
+from scenectl.training.loop import FRAMES, Figures, Loop
+from scenectl.training.losses import ReconstructionTraining, reconstruction_loss
 from scenectl.training.stages import Job
 
 REVIVED = "revived"
 """Name, in the loss curve, of the codes restarted on data, per step."""
 
 
-class TokenizerTraining(BaseModel):
-    """Settings of the tokenizer's training.
+class TokenizerTraining(ReconstructionTraining):
+    """Settings of the tokenizer's training, over those of any training by reconstruction.
 
     Attributes:
-        loop: length and speed.
-        frames: window lengths, one drawn for each batch.
         commitment: beta of Eq. 37.
         dropout: probability that a sample's last scales are switched off (quantisation dropout).
         continuous: first iterations, which run without quantising, so that codes start from useful latents.
         decay: of the codebook's moving average.
         revive_below: uses a step under which a code restarts on data.
-        reconstruction: weights of the reconstruction terms.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    loop: LoopSettings
-    frames: tuple[int, ...] = (64,)
     commitment: float = 0.02
     dropout: float = 0.2
     continuous: int = 120
     decay: float = 0.99
     revive_below: float = 0.05
-    reconstruction: ReconstructionWeights = ReconstructionWeights()
 
 
 def train_tokenizer(config: TokenizerConfig, settings: TokenizerTraining, job: Job) -> Loop:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
@@ -62,7 +62,7 @@ def train_transformer(
         finest = int(torch.randint(low, high + 1, (), generator=generator))
         batch = max(4, settings.loop.batch * 16 // finest)
         features, clips = data.draw(finest * DOWNSAMPLING, batch, generator)
-        tokens = _tokens(tokenizer, features)
+        tokens = tokenizer.encode(features)
         drop = torch.rand(batch, generator=generator) < settings.drop_text
         prompt = place.text(captions.draw(clips, generator))
         seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
@@ -80,11 +80,6 @@ def train_transformer(
     return loop
 
 
-@torch.no_grad()
-def _tokens(tokenizer: Tokenizer, features: Float[Tensor, "B T 263"]) -> list[Int[Tensor, "B _L_k"]]:
-    return tokenizer.encode(features)
-
-
 def _corrupted(tokens: Int[Tensor, "B L"], share: float, codes: int, generator: torch.Generator) -> Int[Tensor, "B L"]:
     # Drawn on the CPU, so that a run sees the same numbers on every device.
     random = torch.randint(codes, tokens.shape, generator=generator).to(tokens.device)
@@ -98,16 +93,14 @@ def cross_entropy_by_scale(
     """Cross-entropy (nats a token) of each scale over the first `frames` frames of every clip long enough."""
     model.eval()
     captions = Captions(data, encoder)
-    quantiser, total, count = tokenizer.quantiser, None, 0
-    clips = [i for i in range(len(data.ids)) if int(data.lengths[i]) >= frames]
+    quantiser, sums = tokenizer.quantiser, []
+    clips = (data.lengths >= frames).nonzero()[:, 0]
     lengths = list(quantiser.lengths(frames // DOWNSAMPLING))
-    for i in range(0, len(clips), 32):
-        part = torch.tensor(clips[i : i + 32])
+    for i, part in enumerate(clips.split(32)):
         rows = (data.starts[part][:, None] + torch.arange(frames)).to(data.features.device)
         tokens = tokenizer.encode(data.features[rows])
-        prompt = Placement(rows.device).text(captions.draw(part, torch.Generator().manual_seed(i)))
+        prompt = Placement(rows.device).text(captions.draw(part, torch.Generator().manual_seed(32 * i)))
         logits = model(quantiser, prompt, tokens, frames // DOWNSAMPLING)
         loss = F.cross_entropy(logits.transpose(1, 2), torch.cat(tokens, 1), reduction="none")
-        sums = torch.stack([piece.mean(1).sum() for piece in loss.split(lengths, dim=1)])
-        total, count = sums if total is None else total + sums, count + len(part)
-    return [] if total is None else (total / count).tolist()
+        sums.append(torch.stack([piece.mean(1).sum() for piece in loss.split(lengths, dim=1)]))
+    return (torch.stack(sums).sum(0) / len(clips)).tolist() if len(clips) else []

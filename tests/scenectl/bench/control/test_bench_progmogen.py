@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from scenectl.bench.control.progmogen import COLUMNS, Case, bench_progmogen, cases, score, table
+from scenectl.bench.control.progmogen_prompts import HeadHeights, ProgMoGenPrompts, Prompt
 from scenectl.bench.engine import Engine
 from scenectl.control import SolverSettings
-from scenectl.data.progmogen import HeadHeights, ProgMoGenPrompts, Prompt
 from scenectl.generators.base import Draft, Guide, Progress
 from scenectl.generators.conditions import Conditions
 from scenectl.generators.prompts import Prompts

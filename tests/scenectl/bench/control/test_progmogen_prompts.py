@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenectl.data.progmogen import load_progmogen
+from scenectl.bench.control.progmogen_prompts import load_progmogen
 from scenes.errors import UserError
 
 

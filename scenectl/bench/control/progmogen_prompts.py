@@ -7,7 +7,6 @@ that HSI-2, HSI-3 and GEO-1 share; ``hoi1`` is checked and kept where it is ther
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +24,9 @@ _Metre = Annotated[float, Field(allow_inf_nan=False)]
 _Point = tuple[_Metre, _Metre, _Metre]
 
 
-class _Row(BaseModel):
+class Prompt(BaseModel):
+    """A caption and a length in frames."""
+
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     caption: _Text
@@ -37,35 +38,26 @@ class _Row(BaseModel):
         return self.length / FPS
 
 
-class Prompt(_Row):
-    """A caption and a length in frames."""
-
-
-class HeadHeights(_Row):
+class HeadHeights(Prompt):
     """HSI-1: heights of the head (m) at the first frame, at frame length // 2, and at the last."""
 
     head_heights_m: _Point
 
 
-class WristPath(_Row):
+class WristPath(Prompt):
     """HOI-1: where the left wrist starts and ends (m)."""
 
     left_wrist_start_m: _Point
     left_wrist_end_m: _Point
 
 
-class _File(BaseModel):
-    hsi1: list[HeadHeights] = Field(min_length=1)
-    n32: list[Prompt] = Field(min_length=1)
-    hoi1: list[WristPath] = Field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class ProgMoGenPrompts:
+class ProgMoGenPrompts(BaseModel):
     """All rows of a prompt file, in its order (544, 32 and 32 in the published one)."""
 
-    hsi1: tuple[HeadHeights, ...]
-    n32: tuple[Prompt, ...]
+    model_config = ConfigDict(frozen=True)
+
+    hsi1: tuple[HeadHeights, ...] = Field(min_length=1)
+    n32: tuple[Prompt, ...] = Field(min_length=1)
     hoi1: tuple[WristPath, ...] = ()
 
 
@@ -85,7 +77,6 @@ def load_progmogen(path: str | Path) -> ProgMoGenPrompts:
     except (OSError, ValueError) as error:
         raise UserError(f"ProgMoGen prompt file '{path}' is not readable JSON ({error})") from error
     try:
-        rows = _File.model_validate(content)
+        return ProgMoGenPrompts.model_validate(content)
     except ValidationError as error:
-        raise UserError(f"ProgMoGen prompt file '{path}': {sentence(error, content, _File)}") from error
-    return ProgMoGenPrompts(tuple(rows.hsi1), tuple(rows.n32), tuple(rows.hoi1))
+        raise UserError(f"ProgMoGen prompt file '{path}': {sentence(error, content, ProgMoGenPrompts)}") from error
