@@ -1,4 +1,4 @@
-"""Pictures of scenes and results, and a window to turn them around. VTK is loaded only when one is drawn."""
+"""Pictures of scenes and results, and a window to turn them around. pyvista is loaded only when one is drawn."""
 
 from __future__ import annotations
 

@@ -25,14 +25,14 @@ _LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
 def draw_marks(stage: Plotter, marks: Sequence[Mark], floor: float) -> None:
     """Draw those marks that stand still; `floor` is the height (m) of what states none."""
     for mark in (mark for mark in marks if not _moves(mark)):
-        _draw(stage, mark, places(mark, floor), opacity_of(mark))
+        _draw(stage, mark, places(mark, floor))
 
 
 def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
     """Draw those marks that move in place of where they were: at some times (s), pale at first and solid at last."""
     for k, mark in enumerate(marks):
         for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if _moves(mark) else ():
-            _draw(stage, mark, places(mark, floor, time), share * opacity_of(mark), f"mark {k} {i}")
+            _draw(stage, mark, places(mark, floor, time), share, f"mark {k} {i}")
 
 
 def _moves(mark: Mark) -> bool:
@@ -57,11 +57,6 @@ def places(mark: Mark, floor: float, time: float = 0.0) -> np.ndarray:
     return points
 
 
-def opacity_of(mark: Mark) -> float:
-    """Of what stands still: an obstacle is looked through, a ball a little."""
-    return 0.5 if mark.role == "obstacle" and mark.shape != "line" else 0.85 if mark.shape == "ball" else 1.0
-
-
 def draw_line(stage: Plotter, points: np.ndarray, colour: tuple[int, int, int], radius: float) -> None:
     """A tube of a radius (m) along a polyline ``[P, 3]``; nothing where it has no length."""
     from pyvista import lines_from_points
@@ -71,7 +66,7 @@ def draw_line(stage: Plotter, points: np.ndarray, colour: tuple[int, int, int], 
         stage.add_mesh(lines_from_points(kept).tube(radius=radius, n_sides=12), color=colour, ambient=0.4, **ROUND)
 
 
-def _draw(stage: Plotter, mark: Mark, points: np.ndarray, opacity: float, name: str | None = None) -> None:
+def _draw(stage: Plotter, mark: Mark, points: np.ndarray, share: float = 1.0, name: str | None = None) -> None:
     from pyvista import Disc, merge
 
     colour, radius = _COLOURS[mark.role], max(mark.radius, _DOT)
@@ -90,4 +85,5 @@ def _draw(stage: Plotter, mark: Mark, points: np.ndarray, opacity: float, name: 
     else:
         a, b = (points, points) if mark.shape == "ball" else (points[:1], points[1:2])
         hull = capsules(a, b, np.full((len(a), 2), radius))
+        opacity = share * (0.5 if mark.role == "obstacle" else 0.85 if mark.shape == "ball" else 1.0)
         stage.add_mesh(hull, color=colour, opacity=opacity, name=name, **ROUND)

@@ -75,9 +75,8 @@ class Picture:
             size: pixels.
         """
         stage, poses = open_stage(size), self.moments(at)
-        times = [self.time(frame) for frame in poses] or [0.0]
         self.set_stage(stage, poses, poses, show_signs)
-        self.draw_moving(stage, times)
+        self.draw_moving(stage, [self.time(frame) for frame in poses] or [0.0])
         if poses:
             self._draw_people(stage, poses, clearance)
         if show_slice:

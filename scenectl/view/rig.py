@@ -17,15 +17,15 @@ _OUTSIDE = 1 / np.cos(np.pi / 60) ** 2
 """By how much facets are moved out to lie around a capsule and not within, so that what fills it stays behind glass."""
 
 
-def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path, size: tuple[int, int] = SIZE) -> None:
+def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path) -> None:
     """A character at rest and the glassy capsules around it, a colour a link, as a PNG file."""
-    stage = open_stage(size, glass=True)
+    stage = open_stage(glass=True)
     ends = proxies.place(proxies.frames).numpy()
     radii = proxies.radii.numpy()
     corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)  # of the box around each end's ball
     reach = (ends[:, :, None] + radii[:, None, None, None] * corners).reshape(-1, 3)
     extent = float(np.ptp(reach, axis=0).max())
-    camera = choose(reach, Sight(np.zeros((0, 3, 3)), False), np.zeros(2), size[0] / size[1], room=0.06 * extent)
+    camera = choose(reach, Sight(np.zeros((0, 3, 3)), False), np.zeros(2), SIZE[0] / SIZE[1], room=0.06 * extent)
     look_from(stage, camera)
     stage.add_mesh(facets(rig.triangles), color=CLAY, **MATT)
     colours = {part.link: _COLOURS[k % len(_COLOURS)] for k, part in enumerate(proxies.parts)}

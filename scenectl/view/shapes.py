@@ -53,13 +53,13 @@ def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, sides: int = 60) -
         a: near ends, ``[n, 3]`` m.
         b: far ends.
         radii: at both, ``[n, 2]`` m.
-        sides: corners around each.
+        sides: corners around each, an even number.
     """
-    from pyvista import Capsule, PolyData
+    from pyvista import PolyData, Sphere
 
-    unit = Capsule(radius=1.0, cylinder_length=2.0, resolution=sides).triangulate()  # around +x
-    far = unit.points[:, 0] > 0
-    normals = (unit.points - np.where(far[:, None], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])) @ _frames(b - a)
+    unit = Sphere(radius=1.0, theta_resolution=sides, phi_resolution=sides)  # around z, drawn apart at its equator
+    far = unit.points[:, 2] > 0
+    normals = unit.points @ _frames(b - a)
     centres = np.where(far[:, None], b[:, None], a[:, None])
     points = centres + np.where(far, radii[:, 1:], radii[:, :1])[..., None] * normals
     faces = unit.regular_faces + unit.n_points * np.arange(len(a))[:, None, None]
@@ -69,12 +69,12 @@ def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, sides: int = 60) -
 
 
 def _frames(axes: np.ndarray) -> np.ndarray:
-    """Rows x, y, z of frames whose x lie along the axes ``[n, 3]``; +x itself for those of no length."""
+    """Rows x, y, z of frames whose z lie along the axes ``[n, 3]``; +z itself for those of no length."""
     length = np.linalg.norm(axes, axis=1, keepdims=True)
-    x = np.where(length > 1e-9, axes / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
-    y = np.cross(np.where(np.abs(x[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), x)
-    y /= np.linalg.norm(y, axis=1, keepdims=True)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
+    z = np.where(length > 1e-9, axes / np.maximum(length, 1e-9), [0.0, 0.0, 1.0])
+    x = np.cross(np.where(np.abs(z[:, :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def soft_shadow(

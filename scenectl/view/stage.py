@@ -92,8 +92,7 @@ def scaled(title: str, colours: str, limits: tuple[float, float], across: float)
         across: share of the picture's width at which the legend begins.
     """
     # its height is left to pyvista, which then removes it with the surface
-    legend = {"title": title, "color": "black", "width": 0.25, "position_x": across}
-    legend |= {"title_font_size": 18, "label_font_size": 14, "unconstrained_font_size": True}
+    legend = {"title": title, "color": "black", "n_labels": 2, "position_x": across, "height": 0.1, "width": 0.25}
     # values that were interpolated past the edge of a facet would be drawn as a seam
     look = {"cmap": colours, "clim": limits, "interpolate_before_map": False}
     return {"scalars": title, "scalar_bar_args": legend, **look}

@@ -22,9 +22,7 @@ def open_window(picture: Picture, show_slice: bool = False, show_signs: bool = F
     """Open a window with a time slider; s shows or hides the slice, c the clearances. Blocks until closed."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise UserError("there is no screen to open a window on; use --png FILE")
-    stage = open_stage(off_screen=False)
-    Window(picture, stage, show_slice, show_signs)
-    stage.show()
+    Window(picture, open_stage(off_screen=False), show_slice, show_signs).stage.show()
 
 
 class Window:
@@ -91,5 +89,6 @@ class Window:
 
 
 def _between(left: float, right: float) -> Look:
-    """The look of a slider near the lower edge between two shares of the width."""
-    return {"pointa": (left, 0.08), "pointb": (right, 0.08), "color": "black"}
+    """The look of a slider between two shares of the width, near the upper edge: legends stand near the lower one."""
+    ends, thin = {"pointa": (left, 0.87), "pointb": (right, 0.87)}, {"slider_width": 0.02, "tube_width": 0.004}
+    return {"color": "black", "title_height": 0.02, **ends, **thin}
