@@ -87,15 +87,6 @@ class Parameter:
     def required(self) -> bool:
         return self.default is ...
 
-    @property
-    def default_text(self) -> str:
-        """The default as a task file would write it; empty where there is none."""
-        if self.required or self.default is None:
-            return ""
-        if isinstance(self.default, bool):
-            return str(self.default).lower()
-        return str(list(self.default)) if isinstance(self.default, tuple) else str(self.default)
-
 
 @dataclass(frozen=True)
 class GoalSpec:

@@ -13,6 +13,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from scenes.errors import UserError
+
+MOST = 256
+"""Threads at most: more than any machine has cores that we know of, and fewer than make torch's pool fail."""
+
 _asked: ContextVar[int | None] = ContextVar("threads that an outer block asked for", default=None)
 
 
@@ -26,10 +31,13 @@ def threads(number: int | None = None) -> Iterator[int]:
 
     Yields:
         The number in force.
+
+    Raises:
+        UserError: a number that cannot be.
     """
     import torch
 
-    number = _asked.get() if number is None else number
+    number = checked(_asked.get() if number is None else number)
     before, token = torch.get_num_threads(), _asked.set(number)
     torch.set_num_threads(number or 1)
     try:
@@ -43,8 +51,15 @@ def use(number: int) -> None:
     """From now on torch computes with so many threads, in blocks of `threads` that ask for none of their own, too."""
     import torch
 
-    torch.set_num_threads(number)
+    torch.set_num_threads(checked(number) or 1)
     _asked.set(number)
+
+
+def checked(number: int | None) -> int | None:
+    """A number of threads, or None for none that is stated; raises UserError for one that cannot be."""
+    if number is not None and not 1 <= number <= MOST:
+        raise UserError(f"threads is {number}; give 1 to {MOST}")
+    return number
 
 
 def sleep_while_waiting() -> None:

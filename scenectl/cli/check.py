@@ -16,14 +16,19 @@ def check(
     tasks: Annotated[list[Path], typer.Argument(metavar="TASK...", help="Task files (TOML).")],
     allow_code: AllowCode = None,
 ) -> None:
-    """Validate tasks without a model: keys, scene, start, path, goals, times and places."""
+    """Validate tasks without a model: keys, scene, start, path, goals, times, places, and that there are weights."""
     with importing():
+        from scenectl.generators.weights import weights_folder
         from scenectl.tasks.task import load_task
         from scenes.world.floor.polyline import path_length
 
     allow(allow_code)
     for path in tasks:
-        problem = load_task(path).build()
+        task = load_task(path)
+        family, weights = task.generator.family, task.generator.weights
+        if family.weights is not None and weights != "default":
+            weights_folder(weights)
+        problem = task.build()
         walk = "" if problem.path is None else f", a walk of {path_length(problem.path):.1f} m"
         count = len(problem.objective.terms)
         goals = f"{count} goal" + ("" if count == 1 else "s")

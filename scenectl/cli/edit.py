@@ -10,7 +10,7 @@ import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import bars, err, literal, out
-from scenectl.console.options import Generator, MotionFile
+from scenectl.console.options import GENERATOR, Generator, MotionFile
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def edit(
     samples: Annotated[int, typer.Option(min=1, max=256, help="Motions to make.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
     weights: Annotated[str, typer.Option(help="Bundled weights, or a folder.")] = "default",
-    generator: Generator = "mscot",
+    generator: Generator = GENERATOR,
 ) -> None:
     """Make parts of a motion anew: motion.npz and report.json in DIR, as `scenectl run` writes them."""
     with importing():

@@ -33,6 +33,7 @@ def run(
 ) -> None:
     """Make motions for a task: motion.npz, report.json and preview.png in DIR."""
     with importing():
+        from scenectl.generators.weights import bundled_weights
         from scenectl.pipeline.run import run as make
         from scenectl.tasks.task import load_task
         from scenes.files import writable_folder
@@ -40,7 +41,8 @@ def run(
     laps = {"imports": since_start()}
     allow(allow_code)
     loaded = load_task(task)
-    named = str(Path(weights).resolve()) if weights is not None and Path(weights).is_dir() else weights
+    known = weights is None or weights in ("default", *bundled_weights())
+    named = weights if known else str(Path(str(weights)).resolve()) if Path(str(weights)).is_dir() else weights
     loaded = loaded.with_generator(generator, named)
     writable_folder(output)
     with bars() as progress:

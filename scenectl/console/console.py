@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -54,12 +53,11 @@ def table(*headings: str) -> Table:
     return Table(*headings, box=None, pad_edge=False)
 
 
-def show(result: Mapping[str, Any], json_file: Path | None = None, columns: Sequence[str] = ()) -> None:
-    """Print rows and summary, and keep both.
+def show(result: Mapping[str, Any], columns: Sequence[str] = ()) -> None:
+    """Print rows and summary.
 
     Args:
         result: ``{"rows": [...], "summary": ...}``.
-        json_file: where to keep it, if anywhere.
         columns: of the rows, where not all are shown.
     """
     rows = result["rows"]
@@ -71,16 +69,6 @@ def show(result: Mapping[str, Any], json_file: Path | None = None, columns: Sequ
         out.print(lines)
     out.print()
     _print_summary(result["summary"], "")
-    keep(result, json_file)
-
-
-def keep(result: Mapping[str, Any], json_file: Path | None) -> None:
-    """Write a result as JSON and say so, where a file is given."""
-    from scenes.files import write_json  # numpy, which help needs not import
-
-    if json_file is not None:
-        write_json(result, json_file)
-        out.print(f"wrote {json_file}")
 
 
 def cell(value: Any) -> str:

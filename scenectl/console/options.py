@@ -12,6 +12,8 @@ MotionFile = Annotated[Path, typer.Argument(metavar="MOTION", help="motion.npz, 
 AllowCode = Annotated[
     Path | None, typer.Option("--allow-code", metavar="FILE.py", help="Run this file for its @goal functions.")
 ]
+GENERATOR = "mscot"
+"""The default, as in `scenectl.generators.registry`, which help does not import."""
 Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]
 Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ..., "rows": [...]} to this file.')]
 Weights = Annotated[str, typer.Option(help="Weights: 'default', 'permissive' or a folder.")]
@@ -24,7 +26,7 @@ Shard = Annotated[
     typer.Option(metavar="I/N", help="Measure every N-th case, from the I-th on (from 0); N processes share --json."),
 ]
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
-Threads = Annotated[int | None, typer.Option(min=1, help="CPU threads; one by default.")]
+Threads = Annotated[int | None, typer.Option(min=1, max=256, help="CPU threads; one by default.")]
 DATA = Path("../shared/data/motions")
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from scenectl.generators.registry import find
+from scenectl.generators.registry import DEFAULT, find
 from scenectl.threads import use
 from scenes.errors import UserError, did_you_mean
 from scenes.validation import sentence
@@ -19,7 +19,7 @@ __all__ = ["load_generator"]
 
 
 def load_generator(
-    name: str = "mscot", weights: str | Path = "default", threads: int | None = None, **sampling: Any
+    name: str = DEFAULT, weights: str | Path = "default", threads: int | None = None, **sampling: Any
 ) -> Generator:
     """Load a generator.
 

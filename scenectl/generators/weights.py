@@ -6,16 +6,18 @@ were manifests are described by the headers of their files.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ValidationError
+
 from scenectl.generators.registry import DEFAULT, Family
 from scenes.errors import UserError, did_you_mean
 from scenes.files import write_json
+from scenes.validation import sentence
 
 MANIFEST = "manifest.json"
 FORMAT = 1
@@ -61,6 +63,17 @@ class Weights:
         write_json(table, self.folder / MANIFEST)
 
 
+class _Manifest(BaseModel):
+    """What `manifest.json` holds."""
+
+    format: int = FORMAT
+    family: str
+    parts: dict[str, str]
+    config: dict[str, Any]
+    licence: str
+    credits: list[str] = []
+
+
 def bundled_weights() -> list[str]:
     """Names of the weights that come with the package."""
     return sorted({path.parent.name for path in BUNDLED.glob("*/*.safetensors")})
@@ -68,12 +81,11 @@ def bundled_weights() -> list[str]:
 
 def weights_folder(name: str | Path) -> Path:
     """Folder of bundled weights by name, or the folder given; raises UserError where there is none."""
-    folder = Path(name)
-    if folder.is_dir():
-        return folder
     known = bundled_weights()
     if str(name) in known:
         return BUNDLED / str(name)
+    if Path(name).is_dir():
+        return Path(name)
     raise UserError(f"no weights '{name}': neither a folder nor bundled{did_you_mean(str(name), known)}")
 
 
@@ -99,15 +111,18 @@ def open_weights(family: Family, name: str | Path = "default") -> Weights | None
 def described(folder: Path) -> Weights:
     """What a folder of weights holds: by its manifest, or by the headers of its files where it has none."""
     path = folder / MANIFEST
-    if not path.is_file():
+    if not path.exists():
         return _by_headers(folder)
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        parts = {str(name): folder / Path(str(file)).name for name, file in table["parts"].items()}
-        credits = tuple(map(str, table.get("credits", ())))
-        return Weights(folder, str(table["family"]), parts, dict(table["config"]), str(table["licence"]), credits)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UserError(f"'{path}' describes no weights ({error!r}); copy it anew from the training") from error
+        table = _Manifest.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise UserError(f"'{path}': {sentence(error, None, _Manifest)}; copy it anew from the training") from error
+    except OSError as error:
+        raise UserError(f"'{path}' cannot be read ({error.strerror}); copy it anew from the training") from error
+    if table.format > FORMAT:
+        raise UserError(f"'{path}' has format {table.format}, and this version reads up to {FORMAT}; update scenectl")
+    parts = {name: folder / Path(file).name for name, file in table.parts.items()}
+    return Weights(folder, table.family, parts, table.config, table.licence, tuple(table.credits))
 
 
 def _by_headers(folder: Path) -> Weights:
@@ -120,7 +135,7 @@ def _by_headers(folder: Path) -> Weights:
     try:
         config, licence = dict(first["config"]), str(first["licence"])
     except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"weights in '{folder}' describe no model ({error!r})") from error
+        raise UserError(f"weights in '{folder}' describe no model: no config, no licence; copy them anew") from error
     parts_of = {name: folder / f"{name}.safetensors" for name in about}
     family = str(first.get("family", DEFAULT))
     return Weights(folder, family, parts_of, config, licence, tuple(map(str, first.get("credits", ()))))

@@ -19,6 +19,7 @@ from scenectl.control.settings import GuidanceSettings, SolverSettings
 from scenectl.generators.registry import DEFAULT, Family, find
 from scenectl.generators.weights import bundled_weights
 from scenectl.tasks.dump import plain, scene_table, term_table
+from scenectl.threads import MOST
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.body.proxies import load_body
 from scenes.errors import UserError, did_you_mean
@@ -173,7 +174,7 @@ class Walk(_Table):
         legs = [area.path(a, b, self.radius) for a, b in pairwise(stops)]
         return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
 
-    def terms(self, path: np.ndarray, seconds: float, fps: float = 20.0) -> list[Term]:
+    def terms(self, path: np.ndarray, seconds: float, fps: float) -> list[Term]:
         """The two goals for a path ``[P, 3]``: a corridor with a schedule, and the place at its end."""
         last = seconds - 1 / fps
         arrive = last if self.arrive is None else min(self.arrive, last)
@@ -197,8 +198,7 @@ class GeneratorSpec(_Table):
     Attributes:
         name: of a registered family (`scenectl.generators.registry`).
         weights: "default" or "permissive" for those that come with the package, or a folder.
-        threads: for its arithmetic; by default what torch chooses, one for each core: a second one makes control a
-            sixth faster (`scenectl bench control --threads`).
+        threads: for its arithmetic; one by default (`scenectl.threads`).
 
     What is left out is the generator's own default.
     """
@@ -206,8 +206,8 @@ class GeneratorSpec(_Table):
     model_config = ConfigDict(extra="allow")
 
     name: str = DEFAULT
-    weights: str = "default"
-    threads: Annotated[int, Field(ge=1)] | None = None
+    weights: Annotated[str, Field(min_length=1)] = "default"
+    threads: Annotated[int, Field(ge=1, le=MOST)] | None = None
 
     @model_validator(mode="after")
     def _known(self) -> GeneratorSpec:

@@ -24,6 +24,8 @@ FASTEST_WALK = 1.6
 PACE = 1.4
 """Metres a second at which tasks without `seconds` are timed: a person's usual pace. The shipped generators', standing
 included, is a little less (`scenectl bench rooms` prints it); a body that is led more slowly steps lower."""
+STANDING = 0.12
+"""Metres from the vertical through a start within which an obstacle leaves no room to stand."""
 GROUND = 0.2
 """Metres from the ground point of a start to the nearest surface beyond which it hangs in the air."""
 
@@ -184,7 +186,7 @@ def _check_standing(scene: Scene, place: tuple[float, float, float], body: Proxy
     if ground > GROUND:
         raise UserError(f"start {_at(place)} has nothing to stand on: the nearest surface is {ground:.2f} m away")
     worst = int(clearance.argmin())
-    if float(clearance[worst]) < 0.12:
+    if float(clearance[worst]) < STANDING:
         raise UserError(
             f"start {_at((x, z))} is inside or against an obstacle (clearance {float(clearance[worst]):.2f} m at "
             f'height {float(heights[worst]):.1f} m); move it, or use start = "sample"'

@@ -45,7 +45,7 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     task = Task(**report["task"])
     walk = report.get("walk")
     path = None if walk is None else np.array(walk["path"])
-    terms = () if task.walk is None or path is None else task.walk.terms(path, float(report["seconds"]))
+    terms = () if task.walk is None or path is None else task.walk.terms(path, float(report["seconds"]), motion.fps)
     return Picture(task.load_scene(), one, path, Objective((*terms, *task.terms)), task.prompt, task.load_body())
 
 

@@ -41,7 +41,7 @@ def test_a_goal_in_ten_lines() -> None:
     assert spec.summary == "Keep `joint` on the -x side of the plane x (m, world)."
     x, joint = spec.parameters.values()
     assert (x.type, x.required, x.doc) == ("a number", True, "where the plane is, m.")
-    assert (joint.type, joint.default_text) == ("a text", "pelvis")
+    assert (joint.type, joint.default) == ("a text", "pelvis")
     motion = wandering()
     expected = (motion.joints[:, 15, 0] - 0.1).clamp_min(0)
     for use in ("keep_below_x", function):

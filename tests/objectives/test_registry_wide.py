@@ -1,4 +1,4 @@
-"""What must hold for every registered goal, whoever wrote it."""
+"""What must hold for every registered goal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torch's threads: as many as asked for within a block, as before after it, whoever imported torch first."""
+"""Torch's threads: as many as asked for within a block, as before after it, in whichever order torch was imported."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import torch
 
 import scenectl as sc
 from scenectl.threads import threads, use
+from scenes.errors import UserError
 
 
 @pytest.fixture(autouse=True)
@@ -102,3 +103,13 @@ def test_what_a_user_sets_once_holds_where_nothing_is_asked_for() -> None:
 def test_a_decorated_function_runs_on_one_thread_at_every_call() -> None:
     count = threads()(torch.get_num_threads)
     assert [count(), count()] == [1, 1] and torch.get_num_threads() == 4
+
+
+@pytest.mark.parametrize("number", [0, -1, 100_000])
+def test_a_number_that_cannot_be_is_refused(number: int) -> None:
+    before = torch.get_num_threads()
+    with pytest.raises(UserError, match="give 1 to"), threads(number):
+        pass
+    with pytest.raises(UserError, match="give 1 to"):
+        use(number)
+    assert torch.get_num_threads() == before

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from scenectl.console.console import out, say
-from scenectl.console.options import DATA, Data, Generator, Threads, Weights
+from scenectl.console.options import DATA, GENERATOR, Data, Generator, Threads, Weights
 from scenes.errors import UserError, did_you_mean
 
 
@@ -20,7 +20,7 @@ def ablations(
     clips: Annotated[int, typer.Option(min=1, help="Test clips where joints are controlled.")] = 12,
     config: Annotated[str, typer.Option(help="The recipe whose variants are trained.")] = "compact",
     weights: Weights = "default",
-    generator: Generator = "mscot",
+    generator: Generator = GENERATOR,
     threads: Threads = None,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda, for training.")] = "auto",
 ) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from scenectl.bench.commands.shared import engine_of, loaded, wrote
 from scenectl.console.console import bars
-from scenectl.console.options import Generator, Seed, Threads, Weights
+from scenectl.console.options import GENERATOR, Generator, Seed, Threads, Weights
 
 
 def gallery(
@@ -20,7 +20,7 @@ def gallery(
     ] = None,
     seed: Seed = 0,
     weights: Weights = "default",
-    generator: Generator = "mscot",
+    generator: Generator = GENERATOR,
     threads: Threads = None,
 ) -> None:
     """A page of twelve prompts with three samples each, good and bad: nothing is picked."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenectl.console.console import bars, err, literal, out, show
+from scenectl.console.options import GENERATOR
 from scenectl.threads import threads
 from scenes.errors import UserError
 
@@ -38,9 +39,9 @@ def measured(
     """
     from scenectl.bench.engine import compared
 
-    names = (names,) if isinstance(names, str) else names or ("mscot",)
+    names = (names,) if isinstance(names, str) else names or (GENERATOR,)
     with threads(number) as used, bars() as tell:
-        engine = engine_of(tell, json_file, shard, weights=str(weights), threads=used)
+        engine = engine_of(tell, json_file, shard, weights=_stamp(weights), threads=used)
         result = compared(engine, {name: partial(loaded, name, weights) for name in names}, bench)
         engine.write(result)
     return result
@@ -53,6 +54,12 @@ def alone(bench: Callable[[Engine], Result], json_file: Path | None, progress: A
         result = bench(engine)
         engine.write(result)
     return result
+
+
+def _stamp(weights: str | Path) -> list[Any]:
+    """What tells weights of one name apart: rows that a bench kept are of no use once a folder was trained anew."""
+    files = sorted(Path(weights).glob("*")) if Path(weights).is_dir() else []
+    return [str(weights), *((file.name, file.stat().st_size, int(file.stat().st_mtime)) for file in files)]
 
 
 def engine_of(tell: Any, json_file: Path | None = None, shard: str | None = None, **about: Any) -> Engine:

@@ -19,6 +19,7 @@ from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
 from scenectl.tasks.schema import Start, Walk
+from scenectl.tasks.setup import STANDING
 from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
@@ -56,6 +57,7 @@ class Room:
     """A scene to walk in, prepared once.
 
     Attributes:
+        upright: where a person stands upright, as at the start of a walk.
         height: free along paths (m); less than a person's where there is something to duck under.
         prompt: of its walks.
         rejected: how many random tasks were thrown away, by reason.
@@ -64,6 +66,7 @@ class Room:
     name: str
     scene: Scene
     area: FreeArea
+    upright: FreeArea
     scorer: Scorer
     height: float
     prompt: str
@@ -126,7 +129,8 @@ def _room(mesh: str | Path, radius: float) -> Room:
     """A mesh's room, or a bundled scene of `FALLBACK`."""
     scene = bundled(mesh) if mesh in FALLBACK else load_scene(mesh)
     height, prompt = LOW.get(scene.name, (UPRIGHT, PROMPT))
-    return Room(scene.name, scene, free_area(scene, radius, height), Scorer(scene), height, prompt, Counter())
+    area, upright = free_area(scene, radius, height), free_area(scene, radius, UPRIGHT)
+    return Room(scene.name, scene, area, upright, Scorer(scene), height, prompt, Counter())
 
 
 def _tasks(room: Room, count: int, seed: int, radius: float, solver: SolverSettings) -> Iterator[Task]:
@@ -149,6 +153,9 @@ def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[f
         start, target = room.area.sample(2, rng, radius).tolist()
         if not SHORTEST_PATH <= float(np.hypot(start[0] - target[0], start[1] - target[1])) <= LONGEST_PATH:
             room.rejected["too near or too far as the crow flies"] += 1
+            continue
+        if not room.upright.contains(np.asarray(start), STANDING):
+            room.rejected["no room to stand at the start"] += 1
             continue
         try:
             length = path_length(room.area.path(start, target, radius))
