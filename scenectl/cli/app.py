@@ -13,7 +13,6 @@ from typing import Annotated
 import typer
 
 from scenectl.console.lazy import group
-from scenectl.threads import sleep_while_waiting
 from scenectl.version import __version__
 from scenes.errors import UserError
 
@@ -37,7 +36,6 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
 
 def main() -> None:
     """Entry point of the `scenectl` command; exits with 2 for bad input."""
-    sleep_while_waiting()
     try:
         app(prog_name="scenectl")
     except UserError as error:

@@ -9,6 +9,7 @@ import typer
 
 from scenectl.console.console import out, say, show
 from scenectl.console.options import DATA, Data
+from scenectl.threads import sleep_while_waiting
 from scenes.errors import UserError, did_you_mean
 
 
@@ -29,6 +30,7 @@ def train(
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
 ) -> None:
     """Train one stage or all, compare small variants (sweep), or train what evaluates; what was stopped goes on."""
+    sleep_while_waiting()
     from scenectl.generators.training import plan_of
     from scenectl.training.command import train as learn
 
