@@ -6,8 +6,10 @@ what they need when they run, so that help and completion wait for none of it.
 
 from __future__ import annotations
 
+import atexit
 import os
 import sys
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -50,6 +52,24 @@ def main() -> None:
         _leave("not enough memory; use a smaller resolution, a shorter motion or fewer samples")
 
 
+def entry() -> None:
+    """The `scenectl` process: `main`, and then an end at once.
+
+    Taking torch, VTK and their hundreds of thousands of objects apart takes up to a second, and leaves nothing behind
+    that the system would not free; what is to be done at the end (`atexit`) is done, and all output is written.
+    """
+    status: int | str | None = 0
+    try:
+        main()
+    except SystemExit as leaving:
+        status = leaving.code
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # a pipe that was closed, as by `| head`
+            stream.flush()
+    os._exit(status if isinstance(status, int) else int(status is not None))
+
+
 def _leave(sentence: str) -> None:
     from scenectl.console.console import err, literal
 
@@ -58,4 +78,4 @@ def _leave(sentence: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    entry()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import gc
 import os
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,23 +14,12 @@ _LOADED = time.perf_counter()
 
 @contextmanager
 def importing() -> Iterator[None]:
-    """Within the block, nothing looks for garbage, and what it imports is left out of every later search.
-
-    Imports make hundreds of thousands of objects and no garbage; looking at all of them, at the latest when the process
-    ends, takes a third of the time of a short command.
-    """
+    """Within the block, nothing looks for garbage: imports make hundreds of thousands of objects and none of it."""
     gc.disable()
     try:
         yield
     finally:
-        gc.freeze()
         gc.enable()
-
-
-@atexit.register
-def _thaw() -> None:
-    if "igl" in sys.modules:  # its binding complains on standard error of types that nothing collects
-        gc.unfreeze()
 
 
 def since_start() -> float:

@@ -19,7 +19,7 @@ TORCH = "import torch"
 """The row that ratios are to."""
 FAMILIES = ("torch", "numpy", "scipy", "numba", "pydantic", "trimesh", "pyvista", "vtkmodules", "open3d", "matplotlib")
 """Packages whose imports take long enough to be worth a column."""
-_MAIN = "from scenectl.cli.app import main; main()"
+_MAIN = "from scenectl.cli.app import entry; entry()"
 _TELL = "import atexit, sys; atexit.register(lambda: print('imported', *sys.modules, file=sys.stderr)); "
 
 
