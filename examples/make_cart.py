@@ -7,22 +7,13 @@ under its middle; it is pushed along its own +z.
 import sys
 from pathlib import Path
 
-from manifold3d import Manifold, OpType
+from manifold3d import Manifold
 
+from scenes.authoring import Item, box, glb, join
 from scenes.files import atomic_write
-from scenes.mesh.glb import Item, glb
 
 WIDE, LONG, DECK = 0.31, 0.46, 0.22
 """Half of its width and length, and the height of its platform (m)."""
-
-
-def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Manifold:
-    """Between two coordinates (m) along each axis."""
-    return Manifold.cube((x[1] - x[0], y[1] - y[0], z[1] - z[0])).translate((x[0], y[0], z[0]))
-
-
-def join(*parts: Manifold) -> Manifold:
-    return Manifold.batch_boolean(list(parts), OpType.Add)
 
 
 def wheel(x: float, z: float) -> Manifold:
