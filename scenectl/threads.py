@@ -19,7 +19,7 @@ from scenes.errors import UserError
 MOST = 256
 """Threads at most: more than any machine has cores that we know of, and fewer than make torch's pool fail."""
 
-_asked: ContextVar[int | None] = ContextVar("threads that an outer block asked for", default=None)
+_asked: ContextVar[int] = ContextVar("threads that an outer block or `use` asked for", default=1)
 
 
 @contextmanager
@@ -40,9 +40,9 @@ def threads(number: int | None = None) -> Iterator[int]:
 
     number = checked(_asked.get() if number is None else number)
     before, token = torch.get_num_threads(), _asked.set(number)
-    torch.set_num_threads(number or 1)
+    torch.set_num_threads(number)
     try:
-        yield number or 1
+        yield number
     finally:
         torch.set_num_threads(before)
         _asked.reset(token)
@@ -52,13 +52,13 @@ def use(number: int) -> None:
     """From now on torch computes with so many threads, in blocks of `threads` that ask for none of their own, too."""
     import torch
 
-    torch.set_num_threads(checked(number) or 1)
+    torch.set_num_threads(checked(number))
     _asked.set(number)
 
 
-def checked(number: int | None) -> int | None:
-    """A number of threads, or None for none that is stated; raises UserError for one that cannot be."""
-    if number is not None and not 1 <= number <= MOST:
+def checked(number: int) -> int:
+    """A number of threads; raises UserError for one that cannot be."""
+    if not 1 <= number <= MOST:
         raise UserError(f"threads is {number}; give 1 to {MOST}")
     return number
 

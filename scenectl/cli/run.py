@@ -41,9 +41,9 @@ def run(
     laps = {"imports": since_start()}
     allow(allow_code)
     loaded = load_task(task)
-    known = weights is None or weights in ("default", *bundled_weights())
-    named = weights if known else str(Path(str(weights)).resolve()) if Path(str(weights)).is_dir() else weights
-    loaded = loaded.with_generator(generator, named)
+    if weights is not None and weights not in ("default", *bundled_weights()) and Path(weights).is_dir():
+        weights = str(Path(weights).resolve())
+    loaded = loaded.with_generator(generator, weights)
     writable_folder(output)
     with bars() as progress:
         result = make(loaded, samples, seed, progress=progress)

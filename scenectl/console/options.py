@@ -19,7 +19,7 @@ Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ...
 Weights = Annotated[str, typer.Option(help="Weights: 'default', 'permissive' or a folder.")]
 Generator = Annotated[str, typer.Option(help="A registered generator.")]
 Generators = Annotated[
-    list[str] | None, typer.Option("--generator", help="A registered generator; repeatable. Default: mscot.")
+    list[str] | None, typer.Option("--generator", help=f"A registered generator; repeatable. Default: {GENERATOR}.")
 ]
 Shard = Annotated[
     str | None,

@@ -24,10 +24,8 @@ def of_scene(scene: Scene) -> Picture:
 
 def of_result(result: Result, sample: int = 0) -> Picture:
     """One motion of a result in its scene; 0 is the best."""
-    problem = result.setup
-    return Picture(
-        problem.scene, result.motion[sample], problem.path, problem.objective, problem.task.prompt, problem.body
-    )
+    setup = result.setup
+    return Picture(setup.scene, result.motion[sample], setup.path, setup.objective, setup.task.prompt, setup.body)
 
 
 def of_folder(folder: str | Path, sample: int = 0) -> Picture:
