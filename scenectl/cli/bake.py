@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import err, out
+from scenectl.console.console import doubt, err, out
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def bake(
     _show_bake(found)
     where = "found in the mesh" if found.floor.found else "stated"
     out.print(f"floor: {found.floor.height:.3f} m ({where}); done in {time.perf_counter() - begin:.1f} s")
+    doubt(found.doubts)
     if output is not None:
         if len(grids) != 1:
             raise UserError(f"scene '{scene}' has {len(grids)} meshes; -o writes the grid of scenes with one")

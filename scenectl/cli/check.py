@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import out
+from scenectl.console.console import doubt, out
 from scenectl.console.options import AllowCode, allow
 
 
@@ -33,3 +33,4 @@ def check(
         count = len(problem.objective.terms)
         goals = f"{count} goal" + ("" if count == 1 else "s")
         out.print(f"{path}: fine ({problem.seconds:g} s in '{problem.scene.name}', {goals}{walk})")
+        doubt(problem.scene.doubts)

@@ -10,7 +10,7 @@ import typer
 
 from scenectl.cli.clock import importing, since_start, told
 from scenectl.cli.score import show_samples
-from scenectl.console.console import bars, err, literal, out
+from scenectl.console.console import bars, doubt, err, literal, out
 from scenectl.console.options import AllowCode, TaskFile, allow
 from scenes.errors import UserError
 
@@ -57,6 +57,7 @@ def run(
     maker = result.report["generator"]
     out.print(literal(f"weights '{maker['weights']}': {maker['licence']}"))
     show_samples(result)
+    doubt(result.report["scene"]["doubts"])
     out.print(f"wrote motion.npz, report.json{' and preview.png' if drawn else ''} in {output}")
     out.print(told(laps, since_start()))
 

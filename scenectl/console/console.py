@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +46,12 @@ def bars() -> Iterator[Tell]:
 def say(what: str, done: float) -> None:
     """A line for each thing that is done, where what is done draws a bar of its own."""
     err.print(literal(f"{done:4.0%} {what}"))
+
+
+def doubt(sentences: Iterable[str]) -> None:
+    """What may be wrong with the input, a line each, on standard error: results stay as they are."""
+    for sentence in sentences:
+        err.print(literal(f"scenectl: in doubt: {sentence}"))
 
 
 def table(*headings: str) -> Table:

@@ -27,6 +27,7 @@ def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:
             "floor_m": scene.floor.height,
             "floor_found": scene.floor.found,
             "bake": scene.report(),
+            "doubts": list(scene.doubts),
         },
         "body": {"source": body.source, "sole_offset_m": body.sole_offset, "radii": body.table()},
         "samples": [_row(rank, row) for rank, row in enumerate(rows)],

@@ -51,6 +51,7 @@ class Mesh:
         unit: unit of the source; `vertices` are metres whatever it says.
         up: axis that pointed up in the source; in `vertices` it is y.
         digest: SHA-256 of vertices and faces, hexadecimal; computed when left empty.
+        doubts: what whoever gave the file should hear about how it was read, one sentence each.
         bounds: lowest and highest corner of the vertices that triangles use, ``[2, 3]``, metres.
 
     Raises:
@@ -64,6 +65,7 @@ class Mesh:
     unit: str = "m"
     up: str = "y"
     digest: str = ""
+    doubts: tuple[str, ...] = ()
     bounds: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -29,7 +29,7 @@ from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
 
-FORMAT = 5
+FORMAT = 6
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not read."""
 
 
@@ -47,6 +47,7 @@ class Bake(Generic[Grid]):
         inward: the triangles face into a room.
         message: what was decided, one sentence.
         free: space is free where the winding number lies between these two.
+        doubts: evidence against what was decided, one sentence each.
     """
 
     grid: Grid
@@ -55,6 +56,7 @@ class Bake(Generic[Grid]):
     inward: bool
     message: str
     free: tuple[float, float] = (-0.5, 0.5)
+    doubts: tuple[str, ...] = ()
 
     @property
     def closed(self) -> bool:
@@ -161,6 +163,7 @@ def _store(path: Path, key: str, result: Bake[Grid]) -> None:
         "inward": np.array(result.inward),
         "boundary_edges": np.array(result.boundary_edges),
         "free": np.array(result.free),
+        "doubts": np.array(result.doubts, dtype=np.str_),
     }
     try:
         with atomic_write(path) as file:
@@ -184,6 +187,7 @@ def _load(path: Path, key: str, kind: type[Grid]) -> Bake[Grid] | None:
                 inward=bool(data["inward"]),
                 message=str(data["message"]),
                 free=(float(data["free"][0]), float(data["free"][1])),
+                doubts=tuple(str(doubt) for doubt in data["doubts"]),
             )
     except Exception:  # zipfile, numpy and our own checks raise many kinds; all mean "bake it again"
         return None

@@ -222,6 +222,13 @@ class Scene:
         moving = [thing.bake for thing in self.objects]
         return [result.summary for result in (*self.bakes, *moving) if result is not None]
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What may be wrong with the scene as it was read and baked, one sentence each; bakes as `report` does."""
+        meshes = [*self.meshes, *(thing.shape for thing in self.objects if isinstance(thing.shape, Mesh))]
+        bakes = [*self.bakes, *(thing.bake for thing in self.objects if thing.bake is not None)]
+        return tuple(dict.fromkeys(doubt for thing in (*meshes, *bakes) for doubt in thing.doubts))
+
     def __repr__(self) -> str:
         counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"
         return f"Scene('{self.name}', {counts})"
