@@ -122,6 +122,24 @@ def connected(faces, vertices):
     return parent, numbered(parent)
 
 
+@kernel
+def patched(keys, order):
+    """Number of the patch of each triangle, those that share an edge that no third has, and how many patches there are.
+
+    `keys` are those of `edge_keys`, and `order` sorts them.
+    """
+    parent = np.arange(len(keys) // 3).astype(np.int32)
+    at = 0
+    while at < len(order):
+        after = at + 1
+        while after < len(order) and keys[order[after]] >> 1 == keys[order[at]] >> 1:
+            after += 1
+        if after == at + 2:
+            join(parent, order[at] // 3, order[at + 1] // 3)
+        at = after
+    return parent, numbered(parent)
+
+
 @helper
 def _doubled_area(vertices, i, j, k):
     ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]

@@ -14,6 +14,9 @@ from scenes.mesh.winding import Dipoles
 MANY = 1024
 """Closed pieces of which is asked what lies in them: the largest."""
 
+SPREAD = 64
+"""Corners, and other points, by which is told whether a piece lies in another wholly."""
+
 FLAT = 1e-6
 """Volume over area to the power 3/2 up to which a closed piece encloses nothing: a sheet with two sides. A ball has
 0.094, a slab of 2 x 2 m and 0.1 mm thickness 2e-5."""
@@ -89,8 +92,18 @@ class Pieces:
             some = rest[within.all(axis=1)]
             held = self.enclosed(int(outer), self.probes[some].reshape(-1, 3)).reshape(-1, 2).all(axis=1)
             for inner in some[held]:
-                found[int(inner)].insert(0, int(outer))
+                if held.sum() > MANY or self.enclosed(int(outer), self._spread(int(inner))).all():
+                    found[int(inner)].insert(0, int(outer))
         return found
+
+    def _spread(self, piece: int) -> np.ndarray:
+        """Corners and other points of a piece, drawn in by a little so that none lies on a piece that it touches."""
+        own = self.surface.part(self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], faults=self.surface.faults)
+        rng = np.random.default_rng(0)
+        corners = own.vertices[np.unique(own.faces)]
+        points = np.concatenate([corners[:: -(-len(corners) // SPREAD)], own.points_on(own.by_area(SPREAD, rng), rng)])
+        middle = self.boxes[piece].mean(axis=0)
+        return np.asarray(middle + (1 - 1e-5) * (points - middle))
 
     @cached_property
     def probes(self) -> np.ndarray:

@@ -23,6 +23,7 @@ from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
+from scenes.sdf.doubts import doubts_about
 from scenes.sdf.free_space import Sides, decide
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
@@ -114,7 +115,7 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     soup = Soup.of(sides.surface, lattice)
     distance = unsigned(soup, threads)
     signs = sign(distance, soup, sides, lattice.spacing, threads)
-    check_free(float(distance.max()), mesh.name)
+    doubts = sides.rule.doubts + doubts_about(distance, signs, sides, lattice, mesh.name)
     if (thin := thin_walls(sides.surface, thickness)) is not None:
         walls = unsigned(Soup.of(thin, lattice), threads)
         walls *= np.float32(lattice.spacing)
@@ -124,7 +125,7 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
         torch.from_numpy(distance), torch.tensor(lattice.origin, dtype=torch.float64), lattice.spacing, sides.beyond
     )
     rule = sides.rule
-    return Bake(grid, rule.name, signs, rule.inward, rule.message, rule.doubts)
+    return Bake(grid, rule.name, signs, rule.inward, rule.message, doubts)
 
 
 def sided(mesh: Mesh, free_space: FreeSpace, lattice: Lattice) -> Sides:
@@ -135,15 +136,6 @@ def sided(mesh: Mesh, free_space: FreeSpace, lattice: Lattice) -> Sides:
     if (low < lattice.bounds[0] - slack).any() or (high > lattice.bounds[1] + slack).any():
         raise UserError(f"mesh '{mesh.name}' reaches beyond the lattice {lattice.bounds.tolist()} m; give a larger one")
     return decide(surface, free_space, lattice.bounds, mesh.name)
-
-
-def check_free(farthest: float, name: str) -> None:
-    """Raise UserError where no node is free, the `farthest` from surfaces (m, signed) not even."""
-    if farthest <= 0:
-        raise UserError(
-            f"mesh '{name}' leaves no free space: everything within its bounds is solid; state free_space as a point"
-            ' [x, y, z] in the air, or "outside"'
-        )
 
 
 # ------------------------------------------------------------------------------------------------------------- cache

@@ -17,9 +17,10 @@ from scenes.errors import UserError
 from scenes.kernels import blocks as kernels, parts, rays, regions, spans
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
-from scenes.sdf.bake import FORMAT, Bake, cached, check_free, sided
+from scenes.sdf.bake import FORMAT, Bake, cached, sided
 from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
+from scenes.sdf.doubts import doubts_about
 from scenes.sdf.free_space import Sides
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
@@ -102,9 +103,9 @@ def _baked(
     rule, soup = sides.rule, Soup.of(sides.surface, lattice)
     coarse = unsigned(soup, threads)
     signs = sign(coarse, soup, sides, lattice.spacing, threads)
-    check_free(float(coarse.max()), mesh.name)
+    doubts = rule.doubts + doubts_about(coarse, signs, sides, lattice, mesh.name)
     builder = _Builder(sides, soup, lattice, coarse, tolerance, slope, threads)
-    return Bake(builder.built(), rule.name, signs, rule.inward, rule.message, rule.doubts)
+    return Bake(builder.built(), rule.name, signs, rule.inward, rule.message, doubts)
 
 
 @dataclass

@@ -17,6 +17,7 @@ from typing import TypeAlias
 import numpy as np
 
 from scenes.errors import UserError
+from scenes.mesh.alignment import aligned
 from scenes.mesh.pieces import Pieces
 from scenes.mesh.surface import Surface
 from scenes.sdf.evidence import in_front, room_inside
@@ -176,7 +177,8 @@ class _Found:
 
     @cached_property
     def sheets(self) -> Surface | None:
-        return self.pieces.part(~self.pieces.closed)
+        part = self.pieces.part(~self.pieces.closed)
+        return None if part is None else aligned(part)
 
     @cached_property
     def outermost(self) -> np.ndarray:
@@ -259,11 +261,11 @@ class _Found:
         return IN if self.sheets is not None and self.sheets.nearly_closed else IN_CUT_AWAY
 
     def _sides(self, rule: Rule, roles: Roles, stated: bool = False) -> Sides:
-        boundary = Boundary.of(self.pieces, roles)
+        boundary = Boundary.of(self.pieces, roles, self.sheets)
         doubts = rule.doubts
-        if self.surface.turned:
+        if turned := self.surface.turned + (0 if self.sheets is None else self.sheets.turned):
             doubts += (
-                f"mesh '{self.name}' has {self.surface.turned} of {len(self.surface.faces)} triangles that face against"
+                f"mesh '{self.name}' has {turned} of {len(self.surface.faces)} triangles that face against"
                 " their neighbours and are taken to face as these do; if results look wrong, make its normals consistent",
             )
         if roles.inside_out.any() and not stated:

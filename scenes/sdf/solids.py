@@ -23,16 +23,16 @@ class Roles:
     """What closed pieces are, ``[P]`` each; False for the open ones.
 
     Attributes:
-        bounds: they lie between air and matter.
         matter: matter is just inside them, else air.
         turned: they face the other way than such a boundary does.
         inside_out: solids in the air that faced inward.
+        void: they hold what is air for certain, and bound nothing.
     """
 
-    bounds: np.ndarray
     matter: np.ndarray
     turned: np.ndarray
     inside_out: np.ndarray
+    void: np.ndarray
 
     @classmethod
     def of(cls, pieces: Pieces, in_matter: Callable[[int], bool], room: int | None = None) -> Roles:
@@ -43,16 +43,17 @@ class Roles:
             in_matter: whether an outermost piece is surrounded by matter, and not by air.
             room: a piece that has air inside for certain.
         """
-        bounds, matter, turned, inside_out = np.zeros((4, len(pieces.closed)), dtype=bool)
+        matter, turned, inside_out, void = np.zeros((4, len(pieces.closed)), dtype=bool)
         for i, holders in pieces.holders.items():  # those that hold others come first
             outside = matter[holders[0]] if holders else in_matter(i)
-            against = holders and turned[holders[0]]  # what lies in a piece that is turned is turned with it
-            inward = bool(pieces.volume[i] < 0) != bool(against)
+            against = bool(holders) and bool(turned[holders[0]])  # what lies in a piece that is turned is turned with it
+            inward = bool(pieces.volume[i] < 0) != against
             matter[i] = i != room and (not outside or not inward)
-            bounds[i] = matter[i] != outside
-            turned[i] = (pieces.volume[i] < 0) == matter[i] if bounds[i] else bool(against)
+            turned[i] = (pieces.volume[i] < 0) == matter[i]
             inside_out[i] = not outside and inward and pieces.volume[i] < 0
-        return cls(bounds, matter, turned, inside_out)
+        if room is not None:
+            void[pieces.holders[room]] = True
+        return cls(matter, turned, inside_out, void)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +71,13 @@ class Boundary:
     sheets: Surface | None
 
     @classmethod
-    def of(cls, pieces: Pieces, roles: Roles) -> Boundary:
-        """Put together what is left of the pieces: those that bound nothing go, those that overlap become one."""
-        whole, sheets = pieces.surface, pieces.part(~pieces.closed)
-        kept = [int(i) for i in pieces.holders if roles.bounds[i]]
+    def of(cls, pieces: Pieces, roles: Roles, sheets: Surface | None) -> Boundary:
+        """Put together what is left of the pieces: those that bound nothing go, those that overlap become one.
+
+        `sheets` are the open ones, turned or not.
+        """
+        whole = pieces.surface
+        kept = [int(i) for i in pieces.holders if not roles.void[i]]
         faces = {i: _facing(pieces, i, bool(roles.turned[i])) for i in kept}
         plain = len(kept) == pieces.closed.sum() and not roles.turned[kept].any()
         new = _merged(pieces, roles, faces)
