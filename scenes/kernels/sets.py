@@ -7,6 +7,7 @@ from scenes.kernels import helper
 
 @helper
 def root(parent, n):
+    """The lowest number of the set that n is in."""
     while parent[n] != n:
         parent[n] = parent[parent[n]]
         n = parent[n]

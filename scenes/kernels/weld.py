@@ -96,7 +96,11 @@ def faulty(keys):
     Returns those that are used more often in one direction than in the other; whether each of these is used twice in
     the same direction; and those used more than twice.
     """
-    unmatched, twisted, crowded = np.empty(len(keys), np.int64), np.empty(len(keys), np.bool_), np.empty(len(keys), np.int64)
+    unmatched, twisted, crowded = (
+        np.empty(len(keys), np.int64),
+        np.empty(len(keys), np.bool_),
+        np.empty(len(keys), np.int64),
+    )
     count, many, at = 0, 0, 0
     while at < len(keys):
         edge, balance, first = keys[at] >> 1, 0, at

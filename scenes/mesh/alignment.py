@@ -15,7 +15,7 @@ from scenes.kernels import weld
 from scenes.mesh.surface import Surface
 
 SMALL = 0.02
-"""Share of the area of all from which on a patch is asked: what is smaller decides little, and there may be thousands."""
+"""Share of the area from which on a patch is asked: what is smaller decides little, and there may be thousands."""
 
 MOST = 24
 """Patches that are asked, the largest: their winding numbers are exact, so that each costs a look at every triangle."""

@@ -98,7 +98,9 @@ class Pieces:
 
     def _spread(self, piece: int) -> np.ndarray:
         """Corners and other points of a piece, drawn in by a little so that none lies on a piece that it touches."""
-        own = self.surface.part(self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], faults=self.surface.faults)
+        own = self.surface.part(
+            self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], faults=self.surface.faults
+        )
         rng = np.random.default_rng(0)
         corners = own.vertices[np.unique(own.faces)]
         points = np.concatenate([corners[:: -(-len(corners) // SPREAD)], own.points_on(own.by_area(SPREAD, rng), rng)])
@@ -107,7 +109,7 @@ class Pieces:
 
     @cached_property
     def probes(self) -> np.ndarray:
-        """Two points just inside each closed piece, under its largest triangles, relative to the centre, ``[P, 2, 3]``."""
+        """Two points just inside each closed piece, under its largest triangles, ``[P, 2, 3]``, as `boxes`."""
         faces, count = self.surface.faces, len(self.surface.faces)
         order = np.lexsort((-weld.areas(self.surface.vertices, faces), self.of_face[:count]))
         piece, first = np.unique(self.of_face[order], return_index=True)
@@ -120,8 +122,13 @@ class Pieces:
         points[piece] = (a + b + c) / 3 - depth[:, None, None] * normal
         return points
 
+    def around(self, point: np.ndarray) -> list[int]:
+        """Closed pieces that hold a point ``[3]`` (m, relative to the centre), the smallest first."""
+        near = np.all((self.boxes[:, 0] <= point) & (point <= self.boxes[:, 1]), axis=1)
+        return [piece for piece in list(self.holders)[::-1] if near[piece] and self.enclosed(piece, point[None])[0]]
+
     def enclosed(self, piece: int, points: np.ndarray) -> np.ndarray:
-        """True at those of ``[n, 3]`` points relative to the centre (m) that a closed piece encloses, facing either way."""
+        """True at those of ``[n, 3]`` points (m, as `boxes`) that a closed piece encloses, whichever way it faces."""
         if len(points) == 0:
             return np.zeros(0, dtype=bool)
         own = self.of_face[: len(self.surface.faces)] == piece
@@ -144,7 +151,9 @@ def _split(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     reference = np.eye(3)[np.abs(axis).argmin(axis=1)]
     u = np.cross(axis, reference)
     v, to = np.cross(axis, u), vertices[np.roll(faces, -2, axis=1).reshape(-1)] - a
-    angle = np.arctan2((to * v).sum(axis=1), (to * u).sum(axis=1)).round(9)  # triangles on each other differ by rounding
+    angle = np.arctan2((to * v).sum(axis=1), (to * u).sum(axis=1)).round(
+        9
+    )  # triangles on each other differ by rounding
     edge = np.minimum(start, end).astype(np.int64) * len(vertices) + np.maximum(start, end)
     order = np.lexsort((~along, angle, edge))  # of two on each other, first the one whose matter lies before
     first = np.flatnonzero(np.append(True, np.diff(edge[order]) != 0))

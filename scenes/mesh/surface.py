@@ -6,7 +6,7 @@ never come from a winding number, whose approximation ruins them on soups.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -163,9 +163,7 @@ class Surface:
 
     def reversed(self) -> Surface:
         """The same triangles, all facing the other way."""
-        return Surface(
-            self.vertices, self.faces[:, ::-1].copy(), self.slivers[:, ::-1].copy(), self.centre, self.faults, self.turned
-        )
+        return replace(self, faces=self.faces[:, ::-1].copy(), slivers=self.slivers[:, ::-1].copy())
 
     @cached_property
     def bounds(self) -> np.ndarray:

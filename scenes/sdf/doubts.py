@@ -14,9 +14,7 @@ MUCH = 0.01
 """Share of voxels, or of a surface, from which on contrary evidence is worth a sentence; the scans have none."""
 
 
-def doubts_about(
-    distance: np.ndarray, signs: Signs, sides: Sides, lattice: Lattice, name: str
-) -> tuple[str, ...]:
+def doubts_about(distance: np.ndarray, signs: Signs, sides: Sides, lattice: Lattice, name: str) -> tuple[str, ...]:
     """Sentences about signed distances (m) at the nodes of a lattice; raises UserError where nothing is free."""
     if distance.max() <= 0:
         raise UserError(
@@ -44,9 +42,7 @@ def doubts_about(
     return tuple(found)
 
 
-def _facing_away(
-    distance: np.ndarray, sides: Sides, sheets: Surface, lattice: Lattice, samples: int = 1024
-) -> float:
+def _facing_away(distance: np.ndarray, sides: Sides, sheets: Surface, lattice: Lattice, samples: int = 1024) -> float:
     """Share of the area in front of which space is solid, and behind which it is free."""
     rng = np.random.default_rng(0)
     chosen = sheets.by_area(samples, rng)

@@ -39,9 +39,7 @@ def signed_distance(sides: Sides, points: np.ndarray, baked: Callable[[], Baked]
     return np.where(free, unsigned, -unsigned)
 
 
-def _before_sheets(
-    sides: Sides, sheets: Surface, points: np.ndarray, unsigned: np.ndarray, field: Baked
-) -> np.ndarray:
+def _before_sheets(sides: Sides, sheets: Surface, points: np.ndarray, unsigned: np.ndarray, field: Baked) -> np.ndarray:
     """Which points are free, out of solids: as the nodes around them, or near a surface as a place farther from it.
 
     Between a point and that place the winding number changes by whole numbers where surfaces lie between them.

@@ -151,8 +151,8 @@ def decide(surface: Surface, free_space: FreeSpace, bounds: np.ndarray, name: st
     room = room_inside(surface)
     if room.certain:
         doubt = (
-            f"mesh '{name}' faces outward as a solid does, but {room.standing:.3g} m² of standing room and furniture lie"
-            ' inside: it is taken for a room turned inside out; if it is a solid, state free_space = "outside"'
+            f"mesh '{name}' faces outward as a solid does, but {room.standing:.3g} m² of standing room and furniture"
+            ' lie inside: it is taken for a room turned inside out; if it is a solid, state free_space = "outside"'
         )
         return _Found(surface.reversed(), name).inside((doubt,))
     doubts: tuple[str, ...] = ()
@@ -183,8 +183,8 @@ class _Found:
     @cached_property
     def outermost(self) -> np.ndarray:
         """Closed pieces that lie in no other and not in the air of an open room, ``[n]``."""
-        found = [piece for piece, holders in self.pieces.holders.items() if not holders and not self._in_open_room(piece)]
-        return np.array(found, dtype=int)
+        free = (piece for piece, holders in self.pieces.holders.items() if not holders)
+        return np.array([piece for piece in free if not self._in_open_room(piece)], dtype=int)
 
     @cached_property
     def rooms(self) -> float:
@@ -242,11 +242,11 @@ class _Found:
             in_open_room = about < (IN_CUT_AWAY if self.open_room else IN)[1]
             beyond = (round(about) - 0.5, round(about) + 0.5)
             sheets = self._within_sheets if in_open_room else beyond if about > 0.5 else self._loose
-        holding = [piece for piece in self.pieces.holders if self.pieces.enclosed(piece, seed[None] - self.surface.centre)[0]]
+        holding = self.pieces.around(seed - self.surface.centre)
         roles = Roles.of(self.pieces, lambda piece: in_open_room and not self._in_open_room(piece))
-        closed = bool(holding) and bool(roles.matter[holding[-1]])
+        closed = bool(holding) and bool(roles.matter[holding[0]])
         if closed:  # it lies in what would be a solid: that is the room
-            roles = Roles.of(self.pieces, lambda piece: True, holding[-1])
+            roles = Roles.of(self.pieces, lambda piece: True, holding[0])
         rule = Rule("seed", IN if closed else OUT, sheets, message, closed or in_open_room)
         return replace(self._sides(rule, roles), seed=seed)
 
@@ -266,7 +266,7 @@ class _Found:
         if turned := self.surface.turned + (0 if self.sheets is None else self.sheets.turned):
             doubts += (
                 f"mesh '{self.name}' has {turned} of {len(self.surface.faces)} triangles that face against"
-                " their neighbours and are taken to face as these do; if results look wrong, make its normals consistent",
+                " their neighbours and are taken to face as these do; make its normals consistent if that looks wrong",
             )
         if roles.inside_out.any() and not stated:
             doubts += (self._inside_out(roles),)

@@ -60,9 +60,7 @@ class Signs:
         return f"{self.kind}, {self.boundary_edges} boundary edges, {text} uncertain"
 
 
-def sign(
-    distance: np.ndarray, soup: Soup, sides: Sides, spacing: float, threads: int | None = None
-) -> Signs:
+def sign(distance: np.ndarray, soup: Soup, sides: Sides, spacing: float, threads: int | None = None) -> Signs:
     """Turn distances in voxels into signed distances in metres, in place.
 
     Args:
@@ -133,9 +131,7 @@ def _votes(soup: Soup, sides: Sides, threads: int | None) -> tuple[np.ndarray, n
     return votes, crossed
 
 
-def _from_regions(
-    distance: np.ndarray, soup: Soup, sides: Sides, votes: np.ndarray, crossed: np.ndarray
-) -> np.ndarray:
+def _from_regions(distance: np.ndarray, soup: Soup, sides: Sides, votes: np.ndarray, crossed: np.ndarray) -> np.ndarray:
     """Settle `votes` in place; returns the confidence in them, ``[X, Y, Z]``."""
     shape = distance.shape
     d, v, edges = distance.reshape(-1), votes.reshape(-1), crossed.reshape(-1)

@@ -46,7 +46,9 @@ class Roles:
         matter, turned, inside_out, void = np.zeros((4, len(pieces.closed)), dtype=bool)
         for i, holders in pieces.holders.items():  # those that hold others come first
             outside = matter[holders[0]] if holders else in_matter(i)
-            against = bool(holders) and bool(turned[holders[0]])  # what lies in a piece that is turned is turned with it
+            against = bool(holders) and bool(
+                turned[holders[0]]
+            )  # what lies in a piece that is turned is turned with it
             inward = bool(pieces.volume[i] < 0) != against
             matter[i] = i != room and (not outside or not inward)
             turned[i] = (pieces.volume[i] < 0) == matter[i]

@@ -6,6 +6,7 @@ import hashlib
 import tomllib
 from collections.abc import Sequence
 from functools import cached_property, partial, reduce
+from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -163,9 +164,7 @@ class Scene:
         """Every mesh cleaned, which of its space is free, and its walls that are given a thickness."""
         found = []
         for mesh in self.meshes:
-            sides = decide(
-                Surface.of(mesh), self._free_space_of(mesh), padded(mesh.bounds, self.padding), mesh.name
-            )
+            sides = decide(Surface.of(mesh), self._free_space_of(mesh), padded(mesh.bounds, self.padding), mesh.name)
             found.append((sides, thin_walls(sides.surface, self.baking.thickness)))
         return tuple(found)
 
@@ -233,7 +232,8 @@ class Scene:
         """What may be wrong with the scene as it was read and baked, one sentence each; bakes as `report` does."""
         meshes = [*self.meshes, *(thing.shape for thing in self.objects if isinstance(thing.shape, Mesh))]
         bakes = [*self.bakes, *(thing.bake for thing in self.objects if thing.bake is not None)]
-        return tuple(dict.fromkeys(doubt for thing in (*meshes, *bakes) for doubt in thing.doubts))
+        found = [*(mesh.doubts for mesh in meshes), *(bake.doubts for bake in bakes)]
+        return tuple(dict.fromkeys(chain.from_iterable(found)))
 
     def __repr__(self) -> str:
         counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"
