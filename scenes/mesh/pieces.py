@@ -1,4 +1,4 @@
-"""The connected pieces of a surface: which are closed, how they lie in each other, and what several enclose together."""
+"""The connected pieces of a surface: which are closed, and how they lie in each other."""
 
 from __future__ import annotations
 
