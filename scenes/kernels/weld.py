@@ -162,6 +162,20 @@ def areas(vertices, faces):
 
 
 @kernel
+def boxes(vertices, faces, piece, count):
+    """Lowest and highest corner of so many pieces, ``[count, 2, 3]``; `piece` is that of each triangle."""
+    out = np.empty((count, 2, 3))
+    out[:, 0], out[:, 1] = np.inf, -np.inf
+    for f in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                x = vertices[faces[f, corner], axis]
+                out[piece[f], 0, axis] = min(out[piece[f], 0, axis], x)
+                out[piece[f], 1, axis] = max(out[piece[f], 1, axis], x)
+    return out
+
+
+@kernel
 def slivers(vertices, faces):
     """True for triangles whose doubled area is below 1e-12 of their longest edge squared."""
     out = np.empty(len(faces), np.bool_)

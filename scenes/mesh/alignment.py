@@ -30,7 +30,7 @@ def aligned(surface: Surface) -> Surface:
     """The same triangles with every patch that faces against the others turned."""
     every = np.concatenate([surface.faces, surface.slivers])
     keys = weld.edge_keys(every, len(surface.vertices))
-    of_face, count = weld.patched(keys, np.argsort(keys, kind="stable"))
+    of_face, count = weld.patched(keys, np.argsort(keys))
     patch = of_face[: len(surface.faces)]
     area = np.bincount(patch, weld.areas(surface.vertices, surface.faces), count)
     some = np.argsort(-area, kind="stable")[:MOST]

@@ -72,11 +72,8 @@ class Pieces:
     @cached_property
     def boxes(self) -> np.ndarray:
         """Lowest and highest corner of each piece, relative to the surface's centre, ``[P, 2, 3]`` metres."""
-        corners = self.surface.vertices[np.concatenate([self.surface.faces, self.surface.slivers])]
-        low, high = np.full((len(self.closed), 3), np.inf), np.full((len(self.closed), 3), -np.inf)
-        np.minimum.at(low, self.of_face, corners.min(axis=1))
-        np.maximum.at(high, self.of_face, corners.max(axis=1))
-        return np.stack([low, high], axis=1)
+        every = np.concatenate([self.surface.faces, self.surface.slivers])
+        return np.asarray(weld.boxes(self.surface.vertices, every, self.of_face, len(self.closed)))
 
     @cached_property
     def holders(self) -> dict[int, list[int]]:
@@ -90,9 +87,12 @@ class Pieces:
             slack = 1e-9 * (box[1] - box[0]).max()
             within = (self.boxes[rest, 0] >= box[0] - slack) & (self.boxes[rest, 1] <= box[1] + slack)
             some = rest[within.all(axis=1)]
-            held = self.enclosed(int(outer), self.probes[some].reshape(-1, 3)).reshape(-1, 2).all(axis=1)
-            for inner in some[held]:
-                if held.sum() > MANY or self.enclosed(int(outer), self._spread(int(inner))).all():
+            if len(some) == 0:
+                continue
+            own = self._dipoles(int(outer))
+            held = some[_within(own, self.probes[some].reshape(-1, 3)).reshape(-1, 2).all(axis=1)]
+            for inner in held:
+                if len(held) > MANY or _within(own, self._spread(int(inner))).all():
                     found[int(inner)].insert(0, int(outer))
         return found
 
@@ -111,9 +111,10 @@ class Pieces:
     def probes(self) -> np.ndarray:
         """Two points just inside each closed piece, under its largest triangles, ``[P, 2, 3]``, as `boxes`."""
         faces, count = self.surface.faces, len(self.surface.faces)
-        order = np.lexsort((-weld.areas(self.surface.vertices, faces), self.of_face[:count]))
+        some = np.flatnonzero(self.closed[self.of_face[:count]])
+        order = some[np.lexsort((-weld.areas(self.surface.vertices, faces[some]), self.of_face[some]))]
         piece, first = np.unique(self.of_face[order], return_index=True)
-        pair = np.stack([first, np.minimum(first + 1, np.append(first[1:], count) - 1)], axis=1)
+        pair = np.stack([first, np.minimum(first + 1, np.append(first[1:], len(order)) - 1)], axis=1)
         a, b, c = np.moveaxis(self.surface.vertices[faces[order[pair]]], 2, 0)
         normal = np.cross(b - a, c - a)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -123,16 +124,17 @@ class Pieces:
         return points
 
     def around(self, point: np.ndarray) -> list[int]:
-        """Closed pieces that hold a point ``[3]`` (m, relative to the centre), the smallest first."""
+        """Closed pieces that hold a point ``[3]`` (m, as `boxes`), whichever way they face, the smallest first."""
         near = np.all((self.boxes[:, 0] <= point) & (point <= self.boxes[:, 1]), axis=1)
-        return [piece for piece in list(self.holders)[::-1] if near[piece] and self.enclosed(piece, point[None])[0]]
+        return [i for i in list(self.holders)[::-1] if near[i] and _within(self._dipoles(i), point[None])[0]]
 
-    def enclosed(self, piece: int, points: np.ndarray) -> np.ndarray:
-        """True at those of ``[n, 3]`` points (m, as `boxes`) that a closed piece encloses, whichever way it faces."""
-        if len(points) == 0:
-            return np.zeros(0, dtype=bool)
-        own = self.of_face[: len(self.surface.faces)] == piece
-        return np.asarray(np.abs(Dipoles.of(self.surface.vertices, self.surface.faces[own]).at(points)) > 0.5)
+    def _dipoles(self, piece: int) -> Dipoles:
+        used, own = np.unique(self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], return_inverse=True)
+        return Dipoles.of(self.surface.vertices[used], own.reshape(-1, 3).astype(np.int32))
+
+
+def _within(piece: Dipoles, points: np.ndarray) -> np.ndarray:
+    return np.asarray(np.abs(piece.at(points)) > 0.5)
 
 
 def _split(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -58,5 +58,6 @@ def _facing_away(distance: np.ndarray, sides: Sides, sheets: Surface, lattice: L
         return np.where(clear & (np.abs(value) > lattice.spacing / 2), np.sign(value), 0)
 
     away = (free(-1.5) > 0) & (free(1.5) < 0)
-    away[away] = sides.out_of_solids(points[away] + 1.5 * lattice.spacing * normal[away])  # no furniture stands on it
+    if away.mean() >= MUCH:  # unless furniture stands there
+        away[away] = sides.out_of_solids(points[away] + 1.5 * lattice.spacing * normal[away])
     return float(away.mean())

@@ -15,10 +15,11 @@ ROOM = 6.5
 """Square metres of standing room from which on what is enclosed may be a room: the least that the International
 Residential Code (R304.1) allows habitable ones."""
 
-_COLUMNS = 16  # along the longer side
+_COLUMNS = 12  # along the longer side
 _STEP = 0.2  # metres between the heights that are asked for
 _SEAT, _SILL = 0.2, 1.3  # heights of furniture above the floor, metres
 _FURNISHED = 0.03  # share of the columns that end on furniture; in the scans of the project a fifth and more
+_HALL = 0.25  # share of the middle height that must be enclosed for it to be worth a look
 _REST = 0.25  # share of what can be stood on inside up to which what lies outside does not count
 
 
@@ -56,10 +57,9 @@ def room_inside(surface: Surface) -> Room:
     cell = float(max(size[0], size[2])) / _COLUMNS
     x, z = (np.arange(low[k] + cell / 2, high[k], cell) for k in (0, 2))
     y = np.arange(low[1] + _STEP / 2, high[1], _STEP)
-    across, along, up = np.meshgrid(x, z, y, indexing="ij")
-    points = np.stack([across, up, along], axis=-1).reshape(-1, 3)
-    winding = surface.dipoles.at(points - surface.centre)
-    within = winding.reshape(-1, len(y)) > 0.5
+    if _within(surface, x, y[len(y) // 2 :][:1], z).mean() < _HALL:
+        return Room()
+    within = _within(surface, x, y, z)
     tall, bottom = _longest(within)
     stands = tall * _STEP >= STANDING - _STEP / 2
     if not stands.any():
@@ -70,6 +70,13 @@ def room_inside(surface: Surface) -> Room:
     beside, under = _longest(~within & (np.cumsum(within, axis=1) > 0))
     outside = (beside * _STEP >= STANDING - _STEP / 2) & (under > 0)
     return Room(float(stands.sum()) * cell**2, float(outside.sum()) * cell**2, float(furnished.mean()))
+
+
+def _within(surface: Surface, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Which points of a lattice are enclosed as by a solid, columns in rows: ``[X Z, Y]``."""
+    across, along, up = np.meshgrid(x, z, y, indexing="ij")
+    points = np.stack([across, up, along], axis=-1).reshape(-1, 3)
+    return np.asarray(surface.dipoles.at(points - surface.centre).reshape(-1, len(y)) > 0.5)
 
 
 def _longest(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
