@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from scenes.kernels import helper, kernel
-from scenes.kernels.query import trilinear
+from scenes.kernels.query import left, trilinear
 
 SIDE = 4
 """Voxels along the edge of a block."""
@@ -59,8 +59,11 @@ def _sampled(values, origin, spacing, beyond, slopes, x, y, z):
     i, u, ox = _split((x - origin[0]) / spacing, values.shape[0])
     j, v, oy = _split((y - origin[1]) / spacing, values.shape[1])
     k, w, oz = _split((z - origin[2]) / spacing, values.shape[2])
-    inside = trilinear(values, i, j, k, 1, u, v, w)
-    return inside + beyond * spacing * math.sqrt(ox * ox + oy * oy + oz * oz), slopes[i // SIDE, j // SIDE, k // SIDE]
+    value = float(trilinear(values, i, j, k, 1, u, v, w))
+    squared = spacing * spacing * (ox * ox + oy * oy + oz * oz)
+    if squared != 0.0:
+        value = left(value, squared, beyond)[0]
+    return value, slopes[i // SIDE, j // SIDE, k // SIDE]
 
 
 @helper

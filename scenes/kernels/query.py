@@ -33,6 +33,25 @@ def trilinear(v, i, j, k, s, x, y, z):
 
 
 @helper
+def left(v, squared, beyond):
+    """Value outside a grid at a squared distance from its border, where it is `v`; and what gradients there take.
+
+    No surface is outside. Where all is free there, and q is the point of the grid nearest to p, each point s of a
+    surface has |p - s|^2 >= |p - q|^2 + |q - s|^2, because the grid is convex: p is sqrt(|p - q|^2 + v^2) away or more.
+    From a border that is solid, and where all outside is, the value is what a distance is at least: v + |p - q|, and
+    v - |p - q|.
+
+    Returns:
+        the value, its derivative by p - q over p - q, and its derivative by `v`.
+    """
+    zero = v - v
+    one = zero + 1
+    free = v if v > zero and beyond > zero else zero
+    r = math.sqrt(squared + free * free)
+    return v - free + beyond * r, beyond / (r if r > zero else one), free / r if free > zero else one
+
+
+@helper
 def _located(local, axis, size, places, voxel, share):
     """Number of each point's voxel and where in it the point lies, along one axis; `local` becomes what lies outside.
 
@@ -120,7 +139,7 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
         shape: nodes along x, y, z, and numbers in a row along z.
         origin: of node 0, double.
         spacing: metres a voxel.
-        beyond: sign of the distance that is added outside.
+        beyond: sign of the distance far outside; see `left`.
         points: x, y, z of one after the other, ``[n, 3]`` in one piece; `value` ``[n]`` and `gradient` ``[n, 3]``,
             or empty, have their precision.
     """
@@ -148,17 +167,18 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
 
 @helper
 def _leave(local, spacing, beyond, s):
-    """Add the way from the grid to points outside; along axes on which one was moved, only that way changes.
+    """Lead the values at the border on to points outside; along axes on which one was moved, only that way changes.
 
     Without a branch, for all of a chunk: few of its points are outside, and branches on that would be mispredicted.
     """
     zero, one = s.dtype.type(0), s.dtype.type(1)
     for i in range(CHUNK):
         bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
-        away = math.sqrt(bx * bx + by * by + bz * bz)
-        s[_VALUE + i] += beyond * away
-        turn = beyond / (away if away != zero else one)
-        dx, dy, dz = s[_DX + i], s[_DY + i], s[_DZ + i]
+        squared = bx * bx + by * by + bz * bz
+        value, turn, share = left(s[_VALUE + i], squared, beyond)
+        s[_VALUE + i] = value if squared != zero else s[_VALUE + i]
+        share = share if squared != zero else one
+        dx, dy, dz = s[_DX + i] * share, s[_DY + i] * share, s[_DZ + i] * share
         s[_DX + i] = bx * turn if bx != zero else dx
         s[_DY + i] = by * turn if by != zero else dy
         s[_DZ + i] = bz * turn if bz != zero else dz

@@ -307,7 +307,10 @@ def in_parts(count: int, work: Callable[[int, int], Any]) -> None:
 
 
 def interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
-    """The same in torch, for other devices and types: value ``[n]`` and gradient ``[n, 3]`` (or None)."""
+    """The same in torch, for other devices and types: value ``[n]`` and gradient ``[n, 3]`` (or None).
+
+    Outside the grid as `scenes.kernels.query.left` says.
+    """
     size = points.new_tensor(values.shape) - 1
     # Subtracting the origin in double keeps scenes far from zero exact, as in "origin in world metres".
     local = ((points.double() - grid.origin.to(points.device)) / grid.spacing).to(points.dtype)
@@ -323,18 +326,20 @@ def interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bo
     along_x = line[1] - line[0]
     value = line[0] + along_x * x
     beyond = (local - inside) * grid.spacing
-    away = torch.linalg.vector_norm(beyond, dim=-1)
-    value = value + grid.beyond * away
+    free = value.clamp_min(0) if grid.beyond > 0 else torch.zeros_like(value)
+    away = torch.linalg.vector_norm(torch.cat([beyond, free[:, None]], dim=-1), dim=-1)
+    outside = (beyond != 0).any(-1)
+    value = torch.where(outside, value - free + grid.beyond * away, value)
     if not with_gradient:
         return value, None
     dy = along_y[0] + (along_y[1] - along_y[0]) * x
     square = along_z[0::2] + (along_z[1::2] - along_z[0::2]) * y
     dz = square[0] + (square[1] - square[0]) * x
     gradient = torch.stack([along_x, dy, dz], dim=-1) / grid.spacing
-    # Along an axis on which a point was clamped the interpolant is constant, and only the distance changes.
-    gradient = torch.where(beyond == 0, gradient, torch.zeros_like(gradient))
-    outward = beyond / away.clamp_min(torch.finfo(points.dtype).tiny).unsqueeze(-1)
-    return value, gradient + grid.beyond * outward
+    # Along an axis on which a point was clamped the interpolant is constant, and only the way there changes.
+    away = away.clamp_min(torch.finfo(points.dtype).tiny)
+    share = torch.where(outside & (free > 0), free / away, 1.0).unsqueeze(-1)
+    return value, torch.where(beyond == 0, gradient * share, grid.beyond * beyond / away.unsqueeze(-1))
 
 
 def _corners(values: Tensor, cell: Tensor) -> Tensor:
