@@ -28,6 +28,7 @@ from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
+from scenes.sdf.thin import thin_doubts
 
 FORMAT = 6
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not read."""
@@ -129,7 +130,8 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     grid = SdfGrid(
         torch.from_numpy(distance), torch.tensor(lattice.origin, dtype=torch.float64), lattice.spacing, rule.beyond
     )
-    return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
+    doubts = () if thickness >= lattice.spacing else thin_doubts(surface, rule, grid.near, lattice.spacing, mesh.name)
+    return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high), doubts)
 
 
 # ------------------------------------------------------------------------------------------------------------- cache

@@ -25,6 +25,7 @@ from scenes.sdf.free_space import Rule, decide
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import grown, sign
+from scenes.sdf.thin import thin_doubts
 
 BAND = 2.0
 """Fine voxels from the surface within which cells are divided where that is needed."""
@@ -105,7 +106,9 @@ def _baked(
     coarse = unsigned(soup, threads)
     signs = sign(coarse, soup, surface, rule, lattice.spacing, threads)
     builder = _Builder(surface, soup, rule, lattice, coarse, tolerance, slope, threads)
-    return Bake(builder.built(), rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
+    grid = builder.built()
+    doubts = thin_doubts(surface, rule, grid.near, grid.spacing, mesh.name)
+    return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high), doubts)
 
 
 @dataclass

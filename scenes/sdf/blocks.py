@@ -48,6 +48,11 @@ class SdfBlocks(Interpolated):
     beyond: float = 1.0
 
     @property
+    def widest(self) -> float:
+        """Metres between coarse nodes."""
+        return CELL * self.spacing
+
+    @property
     def bounds(self) -> np.ndarray:
         """First and last node, ``[2, 3]``, metres."""
         return np.stack([self.origin, self.origin + CELL * self.spacing * np.array(self.index.shape)])
@@ -67,6 +72,11 @@ class SdfBlocks(Interpolated):
     def finest(self) -> float:
         """Share of the volume that the finest blocks cover."""
         return len(self.blocks[-1]) / self.index.size
+
+    def near(self, points: np.ndarray) -> np.ndarray:
+        """Values (m) at world points (m) ``[n, 3]``: where nodes are, as between them."""
+        found: np.ndarray = self.distance(torch.from_numpy(points)).numpy()
+        return found
 
     def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor]:
         """Value ``[n]`` and gradient ``[n, 3]`` at points ``[n, 3]``; on the CPU, wherever the points are."""

@@ -29,11 +29,24 @@ CROWDED, APART = 64, 16
 """Numbers in a row whose multiples crowd the caches (256 bytes), and those that a longer row has in addition."""
 
 
+OUTSIDE = 512
+"""Points outside a grid that are looked after together, so that little memory is needed."""
+
 _COMPILED = (torch.float32, torch.float64)  # what kernels are compiled for
 
 
 class Interpolated(ABC):
     """A field read off stored nodes, whose gradient comes with its value; a grid says how in `_evaluate`."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> np.ndarray:
+        """First and last node, ``[2, 3]``, metres."""
+
+    @property
+    @abstractmethod
+    def widest(self) -> float:
+        """Metres between nodes where they are farthest apart."""
 
     @abstractmethod
     def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
@@ -46,10 +59,13 @@ class Interpolated(ABC):
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Interpolant (m) at `points` (m, world), with its exact gradient.
 
-        Outside the grid: the value at the nearest point of the grid, plus (minus where `beyond` is -1) the distance
-        to that point; this is continuous, and for `beyond` = 1 an upper bound of the true distance. The gradient can
-        be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or infinity.
-        `time` is ignored: a grid does not move.
+        Outside the grid, which surfaces never leave, it is continuous and a bound from below: with the value v at the
+        nearest point of the grid, a metres away, sqrt(a^2 + v^2) where that is free and `beyond` is 1, v + a where it
+        is solid, and v - a where `beyond` is -1 (see `scenes.kernels.query.left`). It exceeds the distance by what v
+        does at most (`scenes.sdf.distances`, and the interpolant's own voxel^2 / 4 v), which fades as v / distance.
+
+        The gradient can be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or
+        infinity. `time` is ignored: a grid does not move.
         """
         if points.shape[-1] != 3:
             raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
@@ -61,6 +77,47 @@ class Interpolated(ABC):
         value, gradient = self._evaluate(flat(points), with_gradient=True)
         assert gradient is not None
         return value.reshape(points.shape[:-1]), gradient.reshape(points.shape)
+
+    def entered(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b 3"], Float[Tensor, "*b"]]:
+        """Where the way from points (m) outside the grid to the nearest surface enters it, and how sure that is.
+
+        It is the point q of the border at which the way to q and the distance there are least together; their sum is
+        the distance outside. Branch and bound finds a q with a sum that exceeds the least by a quarter of a voxel at
+        most, or by a 400th where that is more, because its cost grows with one over that. Not differentiable.
+
+        Returns:
+            q (m), and by how much more than a quarter of a voxel its sum may be too large (m); of points of the grid
+            themselves, and 0.
+        """
+        given = flat(points).double()
+        low, high = torch.from_numpy(self.bounds).to(given)
+        place, error = given.clone(), torch.zeros_like(given[:, 0])
+        outside = ((given < low) | (given > high)).any(-1) & given.isfinite().all(-1)
+        for some in outside.nonzero()[:, 0].split(OUTSIDE):
+            place[some], error[some] = self._entrance(given[some], low, high)
+        return place.to(points).reshape(points.shape), error.to(points).reshape(points.shape[:-1])
+
+    def _entrance(self, points: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
+        """The same for points ``[n, 3]`` that are all outside: rectangles of the six faces are halved."""
+        best, where = points.new_full((len(points),), torch.inf), points.clone()
+        allowed = ((points - points.clamp(low, high)).norm(dim=-1) / 400).clamp_min(self.widest / 4)
+        item = torch.arange(len(points), device=points.device).repeat(6)
+        axes, size = torch.eye(3).to(points), (high - low) / 2
+        centre = (low + size + torch.cat([axes, -axes]) * size).repeat_interleave(len(points), 0)
+        half = (size * (1 - axes)).repeat(2, 1).repeat_interleave(len(points), 0)
+        while len(item) > 0:
+            value, way = self._evaluate(centre, with_gradient=False)[0].abs(), (points[item] - centre).abs()
+            length, before = value + way.norm(dim=-1), best[item]
+            best = best.scatter_reduce(0, item, length, "amin")
+            better = (length == best[item]) & (length < before)
+            where[item[better]] = centre[better]
+            lowest = (way - half).clamp_min(0).norm(dim=-1) + value - half.norm(dim=-1)
+            open_ = lowest < (best - allowed)[item]
+            item, centre, half = item[open_], centre[open_], half[open_]
+            step = torch.nn.functional.one_hot(half.argmax(-1), 3) * half / 2
+            item, half = item.repeat(2), (half - step).repeat(2, 1)
+            centre = torch.cat([centre - step, centre + step])
+        return where, allowed - self.widest / 4
 
     def save(self, path: str | Path) -> None:
         """Write `arrays` to an .npz file, whole or not at all."""
@@ -98,6 +155,11 @@ class SdfGrid(Interpolated):
         object.__setattr__(self, "origin", self.origin.to(torch.float64))
 
     @property
+    def widest(self) -> float:
+        """Metres between nodes."""
+        return self.spacing
+
+    @property
     def bounds(self) -> np.ndarray:
         """First and last node, ``[2, 3]``, metres."""
         low = self.origin.cpu().numpy()
@@ -130,6 +192,13 @@ class SdfGrid(Interpolated):
         given, out = (*self._arrays, points.numpy()), (value.numpy(), gradient.numpy())
         in_parts(count, lambda begin, end: interpolated.compiled(*given, begin, end, *out))
         return value, gradient if with_gradient else None
+
+    def near(self, points: np.ndarray) -> np.ndarray:
+        """Values (m) of the nodes nearest to world points (m) ``[n, 3]``, of the border's for points outside."""
+        index = np.rint((points - self.origin.cpu().numpy()) / self.spacing).astype(np.int64)
+        x, y, z = index.clip(0, np.array(self.values.shape) - 1).T
+        found: np.ndarray = self.values.detach().cpu().numpy()[x, y, z]
+        return found
 
     def lowest_on_way(
         self, ends: Float[Tensor, "n 4 3"], enough: Float[Tensor, " n"], tolerance: float | int

@@ -216,6 +216,16 @@ class MovingObject:
         x, y, z = (points - position).split(1, dim=-1)
         return x * rotation[..., 0, :] + y * rotation[..., 1, :] + z * rotation[..., 2, :]
 
+    def turned(self, vectors: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b 3"]:
+        """Vectors of the object's frame as they are in the world at `time` (s; 0 s when None)."""
+        _, rotation = self.trajectory.at(clock(time, vectors))
+        return (rotation @ vectors[..., None])[..., 0]
+
+    def world(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b 3"]:
+        """Points of the object's frame (m) in the world at `time` (s; 0 s when None)."""
+        position, _ = self.trajectory.at(clock(time, points))
+        return self.turned(points, time) + position
+
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Signed distance (m, positive outside), differentiable once in points and time.
 
