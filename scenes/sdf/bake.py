@@ -30,7 +30,7 @@ from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
 from scenes.sdf.thin import thin_doubts
 
-FORMAT = 6
+FORMAT = 7
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not read."""
 
 

@@ -29,7 +29,7 @@ CROWDED, APART = 64, 16
 """Numbers in a row whose multiples crowd the caches (256 bytes), and those that a longer row has in addition."""
 
 
-OUTSIDE = 512
+OUTSIDE = 256
 """Points outside a grid that are looked after together, so that little memory is needed."""
 
 _COMPILED = (torch.float32, torch.float64)  # what kernels are compiled for
@@ -83,7 +83,7 @@ class Interpolated(ABC):
 
         It is the point q of the border at which the way to q and the distance there are least together; their sum is
         the distance outside. Branch and bound finds a q with a sum that exceeds the least by a quarter of a voxel at
-        most, or by a 400th where that is more, because its cost grows with one over that. Not differentiable.
+        most, or by a 1600th where that is more, because its cost grows with one over that. Not differentiable.
 
         Returns:
             q (m), and by how much more than a quarter of a voxel its sum may be too large (m); of points of the grid
@@ -100,7 +100,7 @@ class Interpolated(ABC):
     def _entrance(self, points: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
         """The same for points ``[n, 3]`` that are all outside: rectangles of the six faces are halved."""
         best, where = points.new_full((len(points),), torch.inf), points.clone()
-        allowed = ((points - points.clamp(low, high)).norm(dim=-1) / 400).clamp_min(self.widest / 4)
+        allowed = ((points - points.clamp(low, high)).norm(dim=-1) / 1600).clamp_min(self.widest / 4)
         item = torch.arange(len(points), device=points.device).repeat(6)
         axes, size = torch.eye(3).to(points), (high - low) / 2
         centre = (low + size + torch.cat([axes, -axes]) * size).repeat_interleave(len(points), 0)

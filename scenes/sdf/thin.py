@@ -22,7 +22,7 @@ SAMPLES = 2048
 FEW = 4
 """So many of them make a wall: 0.2 % of the area, a board of 0.3 x 0.3 m in a room of 100 m²."""
 
-LOOKED_AT = 256
+LOOKED_AT = 1024
 """Of those with air on both sides, so many are looked at closely: what there is beyond costs the most."""
 
 
@@ -40,7 +40,7 @@ def thin_doubts(
     """
     points, thickness = _walls(surface, rule, value, spacing)
     text = f"which is thinner than its voxels of {1e3 * spacing:.3g} mm"
-    doubts = []
+    thick, doubts = _rounded(spacing, math.ceil), []
     for sort in (thickness == 0, thickness > 0):
         if sort.sum() < FEW:
             continue
@@ -48,12 +48,10 @@ def thin_doubts(
         thin = float(thickness[order[FEW - 1]])
         x, y, z = (points[order[0]] + surface.centre).round(2) + 0.0
         what = f"a wall {1e3 * thin:.2g} mm thick" if thin else "a wall without thickness"
-        remedy = (
-            f"spacing = {_rounded(thin, math.floor):g}" if thin else f"thickness = {_rounded(spacing, math.ceil):g}"
-        )
+        setting, metres = ("spacing", _rounded(0.9 * thin, math.floor)) if thin else ("thickness", thick)
         doubts.append(
             f"mesh '{name}' has {what} at ({x:.2f}, {y:.2f}, {z:.2f}), {text}: what is itself thinner than"
-            f" {1e3 * (spacing - thin):.2g} mm may cross it unseen; state {remedy}"
+            f" {1e3 * (spacing - thin):.2g} mm may cross it unseen; state {setting} = {metres:g}"
         )
     return tuple(doubts)
 

@@ -65,8 +65,8 @@ def closest_point(
     What has converged is nearest: it is no farther than the field says by more than `tolerance`, on a grid by more than
     `BLUR` voxels (coarse ones, of `SdfBlocks`) and outside it by more than one; what the grid's distance itself errs by
     comes on top. It holds of several fields together, and of objects that move. A field that is only a bound of a
-    distance need not converge, nor need points within two solids at once, or hundreds of voxels outside a grid. Not
-    differentiable.
+    distance need not converge, nor need points within two solids at once, or over a thousand voxels outside a grid.
+    Not differentiable.
 
     Args:
         field: signed distance, m.
@@ -103,13 +103,16 @@ def _closest(
     if (fields := getattr(field, "fields", None)) is not None:
         return _closest_of(fields, points, time, tolerance, steps)
     start, error, slack = points, torch.zeros_like(points[:, 0]), 0.0
+    low, high = points.new_tensor([[-math.inf], [math.inf]])
     if isinstance(field, Interpolated):
         (start, error), slack = field.entered(points), BLUR * field.widest
+        low, high = torch.as_tensor(field.bounds + [[-tolerance], [tolerance]]).to(points)
     away = _value(field, start, time).abs()
     most = away + tolerance - error
 
     def farther(found: Closest, which: Tensor) -> Tensor:
-        return ((found.points - start[which]).norm(dim=-1) - most[which]).where(found.converged, math.inf)
+        held = ((found.points >= low) & (found.points <= high)).all(-1)  # no surface is outside a grid
+        return ((found.points - start[which]).norm(dim=-1) - most[which]).where(found.converged & held, math.inf)
 
     found = _settled(field, start, time, tolerance, steps)
     excess = farther(found, torch.ones_like(away, dtype=torch.bool))

@@ -31,8 +31,8 @@ from scenes.sdf.grid import SdfGrid
 from scenes.sdf.settings import Cache, check_resolution
 
 PADDING = 0.3
-"""Metres of grid around an object. Beyond its grid a distance is an upper bound (see `SdfGrid.distance`); this is more
-than the thickest part of a body and its margin, so that the bound never hides a contact."""
+"""Metres of grid around an object. Beyond its grid a distance is a bound from below (see `SdfGrid.distance`), which is
+more than this: more than the thickest part of a body and its margin, so that nothing there counts as touched."""
 
 HALF_TURN = 1e-3
 """A turn may exceed a half by twice this many radians and still go the way it was stated: people write 3.1416."""
