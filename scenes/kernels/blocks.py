@@ -504,7 +504,7 @@ def _collapsed(v, i, j, k, x, y, z, unit, out):
 
 
 @kernel
-def queried(points, begin, end, origin, spacing, coarse, index, blocks, beyond, value, gradient):
+def queried(points, begin, end, origin, spacing, coarse, index, blocks, beyond, margin, value, gradient):
     """Value (m) and gradient at ``points[begin:end]``; `spacing` is that of the coarse nodes.
 
     Outside the grid as `left` says.
@@ -542,8 +542,9 @@ def queried(points, begin, end, origin, spacing, coarse, index, blocks, beyond, 
         value[p] = found[0]
         squared, turn, share = ox * ox + oy * oy + oz * oz, 0.0, 1.0
         if squared != 0.0:
+            squared += 2.0 * margin * (abs(ox) + abs(oy) + abs(oz))
             value[p], turn, share = left(found[0], squared, beyond)
         # Along an axis on which a point was clamped the interpolant is constant, and only the way there changes.
-        gradient[p, 0] = found[1] * over * share if ox == 0.0 else ox * turn
-        gradient[p, 1] = found[2] * over * share if oy == 0.0 else oy * turn
-        gradient[p, 2] = found[3] * over * share if oz == 0.0 else oz * turn
+        gradient[p, 0] = found[1] * over * share if ox == 0.0 else (ox + math.copysign(margin, ox)) * turn
+        gradient[p, 1] = found[2] * over * share if oy == 0.0 else (oy + math.copysign(margin, oy)) * turn
+        gradient[p, 2] = found[3] * over * share if oz == 0.0 else (oz + math.copysign(margin, oz)) * turn

@@ -127,9 +127,9 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
         walls *= np.float32(lattice.spacing)
         walls -= np.float32(thickness / 2)
         np.minimum(distance, walls, out=distance)
-    grid = SdfGrid(
-        torch.from_numpy(distance), torch.tensor(lattice.origin, dtype=torch.float64), lattice.spacing, rule.beyond
-    )
+    margin = max(lattice.margin(surface.bounds) - (thickness / 2 if thin is not None else 0.0), 0.0)
+    origin = torch.tensor(lattice.origin, dtype=torch.float64)
+    grid = SdfGrid(torch.from_numpy(distance), origin, lattice.spacing, rule.beyond, margin)
     doubts = () if thickness >= lattice.spacing else thin_doubts(surface, rule, grid.near, lattice.spacing, mesh.name)
     return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high), doubts)
 

@@ -161,7 +161,8 @@ class _Builder:
             join = partial(kernels.joined, index, cells[level], level + 1, blocks[level])
             spans(join, len(blocks[level]), _CHUNK, self.threads)
         origin = np.array(self.lattice.origin)
-        return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.rule.beyond)
+        margin = self.lattice.margin(self.surface.bounds)
+        return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.rule.beyond, margin)
 
     def _put_together(self, found: list[_Found], level: int, count: int) -> np.ndarray:
         """The blocks of one level; columns free theirs on the way."""

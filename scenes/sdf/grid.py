@@ -60,9 +60,9 @@ class Interpolated(ABC):
         """Interpolant (m) at `points` (m, world), with its exact gradient.
 
         Outside the grid, which surfaces never leave, it is continuous and a bound from below: with the value v at the
-        nearest point of the grid, a metres away, sqrt(a^2 + v^2) where that is free and `beyond` is 1, v + a where it
-        is solid, and v - a where `beyond` is -1 (see `scenes.kernels.query.left`). It exceeds the distance by what v
-        does at most (`scenes.sdf.distances`, and the interpolant's own voxel^2 / 4 v), which fades as v / distance.
+        nearest point of the grid, b away, sqrt(v^2 + |b|^2 + 2 margin (|b_x| + |b_y| + |b_z|)) where that is free and
+        `beyond` is 1, v + |b| where it is solid, and v - |b| where `beyond` is -1; `scenes.kernels.query.left` proves
+        it. It exceeds the distance by no more than v does (`scenes.sdf.distances`, and voxel^2 / 4 v of interpolation).
 
         The gradient can be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or
         infinity. `time` is ignored: a grid does not move.
@@ -138,12 +138,14 @@ class SdfGrid(Interpolated):
         origin: position of node ``[0, 0, 0]``, metres, world, ``[3]`` float64.
         spacing: edge of a voxel, metres.
         beyond: +1 where the space around the grid is free (an object), -1 where it is solid (around a room).
+        margin: metres from the border to the nearest surface, or less; distances outside are the better for it.
     """
 
     values: Float[Tensor, "X Y Z"]
     origin: Float[Tensor, "3"]
     spacing: float
     beyond: float = 1.0
+    margin: float = 0.0
     _copies: dict[torch.device, Tensor] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -252,7 +254,7 @@ class SdfGrid(Interpolated):
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:
-        """What queries ask for: flat values, nodes along each axis and numbers in a row, origin, spacing, sign beyond.
+        """What queries ask for: flat values, nodes along each axis and numbers in a row, origin, spacing, outside.
 
         Where rows begin at multiples of a large power of two, the neighbours of a point compete for the same few places
         of the processor's caches; such a grid is kept a second time, with longer rows, once it is queried.
@@ -264,7 +266,13 @@ class SdfGrid(Interpolated):
             spread[..., :row] = values
             values = spread
         shape = (*plane, row, values.shape[-1])
-        return values.reshape(-1), shape, self.origin.cpu().numpy(), float(self.spacing), float(self.beyond)
+        outside = float(self.beyond), self.outer_margin
+        return values.reshape(-1), shape, self.origin.cpu().numpy(), float(self.spacing), *outside
+
+    @cached_property
+    def outer_margin(self) -> float:
+        """The margin as distances outside take it, see `margin_of`."""
+        return margin_of(self.values.detach().cpu().numpy(), self.margin) if self.beyond > 0 else 0.0
 
     def _values_on(self, device: torch.device) -> Tensor:
         if device == self.values.device:
@@ -280,6 +288,7 @@ class SdfGrid(Interpolated):
             "origin": self.origin.cpu().numpy(),
             "spacing": np.float64(self.spacing),  # type: ignore[dict-item]  # 0-d arrays on disk
             "beyond": np.float64(self.beyond),  # type: ignore[dict-item]
+            "margin": np.float64(self.margin),  # type: ignore[dict-item]
         }
 
     @classmethod
@@ -297,7 +306,8 @@ class SdfGrid(Interpolated):
         beyond = float(data["beyond"])
         if beyond not in (-1.0, 1.0):
             raise ValueError("'beyond' is neither -1 nor 1")
-        return cls(torch.from_numpy(values), torch.from_numpy(origin), float(data["spacing"]), beyond)
+        margin = stored_margin(data)
+        return cls(torch.from_numpy(values), torch.from_numpy(origin), float(data["spacing"]), beyond, margin)
 
 
 class Interpolant(torch.autograd.Function):
@@ -359,6 +369,29 @@ def _scaled(points: Tensor, gradient: Tensor, grad_output: Tensor) -> Tensor:
     return gradient.view(points.shape) * grad_output.unsqueeze(-1)
 
 
+def margin_of(values: np.ndarray, stated: float) -> float:
+    """The margin (m) of a grid that is free outside, `stated` or less: what nodes of the border say at least.
+
+    With it no slope outside is over 1: at an edge of the grid a surface is sqrt(2) margins away, at a corner sqrt(3).
+    """
+    least = stated
+    for axes in range(1, 8):
+        along = [axis for axis in range(3) if axes >> axis & 1]
+        corner = values
+        for axis in along:
+            corner = corner.take([0, -1], axis=axis)
+        least = min(least, float(corner.min()) / len(along) ** 0.5)
+    return max(least, 0.0)
+
+
+def stored_margin(data: Any) -> float:
+    """The margin in a file's arrays, 0 in those of earlier versions; raises ValueError for what is none."""
+    margin = float(data["margin"]) if "margin" in data else 0.0
+    if not (np.isfinite(margin) and margin >= 0):
+        raise ValueError("'margin' is negative or not finite")
+    return margin
+
+
 def flat(points: Tensor) -> Tensor:
     """Points ``[n, 3]`` in one piece, outside autograd."""
     plain = points.detach()
@@ -396,7 +429,8 @@ def interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bo
     value = line[0] + along_x * x
     beyond = (local - inside) * grid.spacing
     free = value.clamp_min(0) if grid.beyond > 0 else torch.zeros_like(value)
-    away = torch.linalg.vector_norm(torch.cat([beyond, free[:, None]], dim=-1), dim=-1)
+    beside = (2 * grid.outer_margin * beyond.abs().sum(-1)).sqrt()
+    away = torch.linalg.vector_norm(torch.cat([beyond, free[:, None], beside[:, None]], dim=-1), dim=-1)
     outside = (beyond != 0).any(-1)
     value = torch.where(outside, value - free + grid.beyond * away, value)
     if not with_gradient:
@@ -408,7 +442,8 @@ def interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bo
     # Along an axis on which a point was clamped the interpolant is constant, and only the way there changes.
     away = away.clamp_min(torch.finfo(points.dtype).tiny)
     share = torch.where(outside & (free > 0), free / away, 1.0).unsqueeze(-1)
-    return value, torch.where(beyond == 0, gradient * share, grid.beyond * beyond / away.unsqueeze(-1))
+    outward = grid.beyond * (beyond + grid.outer_margin * beyond.sign()) / away.unsqueeze(-1)
+    return value, torch.where(beyond == 0, gradient * share, outward)
 
 
 def _corners(values: Tensor, cell: Tensor) -> Tensor:

@@ -21,6 +21,7 @@ from scenes.mesh.primitives import Plane
 from scenes.numbers import positive
 from scenes.sdf.field import DistanceField
 from scenes.sdf.grid import Interpolated, SdfGrid
+from scenes.sdf.lattice import padded
 from scenes.world.moving import MovingObject
 
 Times = tuple[Tensor, Tensor]
@@ -106,7 +107,7 @@ def _closest(
     low, high = points.new_tensor([[-math.inf], [math.inf]])
     if isinstance(field, Interpolated):
         (start, error), slack = field.entered(points), BLUR * field.widest
-        low, high = torch.as_tensor(field.bounds + [[-tolerance], [tolerance]]).to(points)
+        low, high = torch.from_numpy(padded(field.bounds, tolerance)).to(points)
     away = _value(field, start, time).abs()
     most = away + tolerance - error
 

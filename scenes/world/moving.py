@@ -279,7 +279,12 @@ class MovingObject:
             what: object = (shape.digest, self.resolution)
         elif isinstance(shape, Bake | SdfGrid):
             grid = shape if isinstance(shape, SdfGrid) else shape.grid
-            what = (hashlib.sha256(grid.arrays()["values"].tobytes()).hexdigest(), grid.origin.tolist(), grid.spacing)
+            what = (
+                hashlib.sha256(grid.arrays()["values"].tobytes()).hexdigest(),
+                grid.origin.tolist(),
+                grid.spacing,
+                grid.margin,
+            )
         else:
             what = shape
         return hashlib.sha256(repr((what, self.trajectory)).encode()).hexdigest()

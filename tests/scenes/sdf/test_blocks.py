@@ -159,7 +159,9 @@ def test_outside_it_is_what_a_dense_grid_gives_for_the_same_border(baked: dict[s
         nearest = points.clamp(low, high)
         away, v = (points - nearest).norm(dim=-1), field.distance(nearest)
         free = (v > 0) & (field.beyond > 0)
-        expected = torch.where(free, (away.square() + v.square()).sqrt(), v + field.beyond * away)
+        beside = 2 * field.outer_margin * (points - nearest).abs().sum(-1)
+        expected = torch.where(free, (away.square() + v.square() + beside).sqrt(), v + field.beyond * away)
+        assert field.outer_margin == pytest.approx(0.1, abs=0.3) if field.beyond > 0 else field.outer_margin == 0
         torch.testing.assert_close(field.distance(points), expected, atol=1e-9, rtol=0)
         p = points[:50].clone().requires_grad_()
         assert torch.autograd.gradcheck(field.distance, (p,), eps=1e-7, atol=1e-5)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.mesh.csg import csg
-from scenes.mesh.mesh import load_mesh
+from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box, Sphere
 from scenes.mesh.surface import Surface
 from scenes.sdf import grid as grids
@@ -23,9 +23,15 @@ from scenes.sdf.lattice import Lattice
 ORIGIN, SPACING, SHAPE = (-0.3, 1.2, 5.0), 0.17, (5, 4, 6)
 
 
-def random_grid(beyond: float = 1.0) -> SdfGrid:
+AROUND = [(1.0, 0.0), (-1.0, 0.0), (1.0, 0.3), (-1.0, 0.3)]
+"""What lies around a grid: the sign beyond, and the margin."""
+
+
+def random_grid(beyond: float = 1.0, margin: float = 0.0) -> SdfGrid:
+    """Noise; with a margin, noise that is free and no less than that at the border."""
     values = torch.randn(SHAPE, generator=torch.Generator().manual_seed(1))
-    return SdfGrid(values, torch.tensor(ORIGIN, dtype=torch.float64), SPACING, beyond)
+    values = values.abs() + 2 * margin if margin else values
+    return SdfGrid(values, torch.tensor(ORIGIN, dtype=torch.float64), SPACING, beyond, margin)
 
 
 def points_around(grid: SdfGrid, n: int, margin: float = 0.0, seed: int = 2) -> Tensor:
@@ -62,18 +68,18 @@ def test_equals_grid_sample_inside() -> None:
     torch.testing.assert_close(grid.distance(points), expected[0, 0, 0, 0], atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("beyond", [1.0, -1.0])
-def test_gradcheck_inside_and_outside(beyond: float) -> None:
-    grid = random_grid(beyond)
+@pytest.mark.parametrize(("beyond", "margin"), AROUND)
+def test_gradcheck_inside_and_outside(beyond: float, margin: float) -> None:
+    grid = random_grid(beyond, margin)
     points = points_around(grid, 60, margin=0.5).requires_grad_()
     outside = (points.detach() != points.detach().clamp(*torch.from_numpy(grid.bounds))).any(-1)
     assert 10 < int(outside.sum()) < 55
     assert torch.autograd.gradcheck(grid.distance, (points,))
 
 
-@pytest.mark.parametrize("beyond", [1.0, -1.0])
-def test_continuous_across_the_border_and_outside_as_it_says(beyond: float) -> None:
-    grid = random_grid(beyond)
+@pytest.mark.parametrize(("beyond", "margin"), AROUND)
+def test_continuous_across_the_border_and_outside_as_it_says(beyond: float, margin: float) -> None:
+    grid = random_grid(beyond, margin)
     low, high = torch.from_numpy(grid.bounds)
     for axis in range(3):
         border = points_around(grid, 50)
@@ -84,15 +90,16 @@ def test_continuous_across_the_border_and_outside_as_it_says(beyond: float) -> N
     points = points_around(grid, 400, margin=5.0)
     nearest = points.clamp(low, high)
     away, v = (points - nearest).norm(dim=-1), grid.distance(nearest)
-    free = (away.square() + v.square()).sqrt() if beyond > 0 else v - away
+    beside = 2 * margin * (points - nearest).abs().sum(-1)
+    free = (away.square() + v.square() + beside).sqrt() if beyond > 0 else v - away
     solid = v + beyond * away
-    assert 100 < int((v > 0).sum()) < 300
+    assert margin or 100 < int((v > 0).sum()) < 300
     torch.testing.assert_close(grid.distance(points), torch.where(v > 0, free, solid), atol=1e-9, rtol=0)
 
 
-@pytest.mark.parametrize("beyond", [1.0, -1.0])
-def test_slopes_hold_across_the_border_and_outside(beyond: float) -> None:
-    grid = random_grid(beyond)
+@pytest.mark.parametrize(("beyond", "margin"), AROUND)
+def test_slopes_hold_across_the_border_and_outside(beyond: float, margin: float) -> None:
+    grid = random_grid(beyond, margin)
     p = points_around(grid, 4000, margin=0.5)
     q = p + 0.01 * torch.nn.functional.normalize(torch.randn_like(p), dim=-1)
     assert ((grid.distance(p) - grid.distance(q)).abs() <= 0.01 * grid.lipschitz + 1e-12).all()
@@ -131,7 +138,23 @@ def test_the_sofa_of_the_shared_cases_is_nowhere_too_far(shared: Path) -> None:
     grid, surface = bake(mesh, cache=None).grid, Surface.of(mesh)
     points = np.random.default_rng(0).uniform([-2, -1, -2], [5, 2, 5], (20_000, 3))
     exact, found = surface.unsigned_distance(points), grid.distance(torch.from_numpy(points)).numpy()
+    assert np.mean((exact - found) / exact) < 0.02
     assert (found - exact).max() < 1e-3  # the interpolant's own voxel² / 4 distance, at the border
+
+
+def test_beside_a_box_the_distance_is_right_far_away() -> None:
+    box = Box((0.2, 0.1, 0.0), (0.5, 0.3, 0.7))
+    grid = bake(box.mesh(), 32, cache=None).grid
+    assert grid.margin == pytest.approx(0.1) and grid.outer_margin == pytest.approx(0.1, abs=1e-6)
+    for axis in range(3):
+        points = torch.tensor([box.center], dtype=torch.float64).repeat(50, 1)
+        points[:, axis] += torch.linspace(box.size[axis] / 2, 30.0, 50, dtype=torch.float64)
+        short = box.distance(points) - grid.distance(points)  # nodes reach farther than the padding by half a voxel
+        assert -1e-5 < short[1:].min() and short.max() <= (1e-5 if axis == 2 else grid.spacing / 2 + 1e-5)
+    thick = bake(box.mesh(), 32, cache=None, thickness=0.05).grid
+    assert thick.margin == pytest.approx(0.1)  # no wall of it is that thin
+    sheet = bake(Mesh(box.mesh().vertices, box.mesh().faces[:2], "sheet"), 32, cache=None, thickness=0.05).grid
+    assert sheet.margin == pytest.approx(0.1 - 0.025)
 
 
 @pytest.mark.parametrize("beyond", [1.0, -1.0])
@@ -179,10 +202,10 @@ def test_batch_equals_loop_for_gradients() -> None:
         torch.testing.assert_close(part, whole[i])
 
 
-@pytest.mark.parametrize("beyond", [1.0, -1.0])
+@pytest.mark.parametrize(("beyond", "margin"), AROUND)
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_the_kernel_equals_torch_everywhere(beyond: float, dtype: torch.dtype) -> None:
-    grid = random_grid(beyond)
+def test_the_kernel_equals_torch_everywhere(beyond: float, margin: float, dtype: torch.dtype) -> None:
+    grid = random_grid(beyond, margin)
     nodes = torch.from_numpy(grid.nodes(np.stack(np.meshgrid(*map(np.arange, SHAPE)), -1).reshape(-1, 3)))
     points = torch.cat([points_around(grid, 700, 0.4), nodes, torch.tensor([[1e9, 2.0, -1e15], [0, 1e-300, 5.2]])])
     points = points.to(dtype)
@@ -272,11 +295,15 @@ def test_nodes_and_bounds_say_where_the_values_are() -> None:
 
 
 def test_save_and_load_return_the_same_grid(tmp_path: Path) -> None:
-    grid = random_grid(beyond=-1.0)
+    grid = random_grid(beyond=-1.0, margin=0.3)
     grid.save(tmp_path / "a.npz")
     again = SdfGrid.load(tmp_path / "a.npz")
     assert torch.equal(again.values, grid.values) and torch.equal(again.origin, grid.origin)
-    assert (again.spacing, again.beyond) == (grid.spacing, grid.beyond)
+    assert (again.spacing, again.beyond, again.margin) == (grid.spacing, grid.beyond, grid.margin)
+    old = {name: array for name, array in grid.arrays().items() if name != "margin"}
+    assert SdfGrid.from_arrays(old).margin == 0
+    with pytest.raises(ValueError, match="margin"):
+        SdfGrid.from_arrays({**old, "margin": np.array(-1.0)})
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
 
 

@@ -218,13 +218,18 @@ def test_swept_clearance_keeps_its_tolerance(field: DistanceField, tolerance: fl
     )
 
 
-@pytest.mark.parametrize("beyond", [1.0, -1.0])
-def test_the_least_of_a_rough_grid_is_never_missed(beyond: float) -> None:
+@pytest.mark.parametrize(("beyond", "free"), [(1.0, False), (-1.0, False), (1.0, True)])
+def test_the_least_of_a_rough_grid_is_never_missed(beyond: float, free: bool) -> None:
     """Noise whose strength differs from place to place: what is known of one block says nothing of the next but one."""
     noise = torch.Generator().manual_seed(2)
     strength = torch.rand(6, 6, 6, generator=noise).pow(4).repeat_interleave(4, 0).repeat_interleave(4, 1)
     values = torch.randn(24, 24, 24, generator=noise) * strength.repeat_interleave(4, 2)
-    grid = SdfGrid(values, torch.full((3,), -1.0), 2 / 23, beyond)
+    margin = 0.0
+    for side in (values[0], values[-1], values[:, 0], values[:, -1], values[..., 0], values[..., -1]) if free else ():
+        side.abs_().add_(0.5)
+        margin = 0.4
+    grid = SdfGrid(values, torch.full((3,), -1.0), 2 / 23, beyond, margin)
+    assert (grid.outer_margin > 0.2) == (free and beyond > 0)
     ends = tuple(spread(60, 1.3, seed=s) for s in range(4))
     ends = (ends[0], ends[0] + 0.5 * ends[1], ends[0] + 0.3 * ends[2], ends[0] + 0.3 * ends[3])
     found = swept_clearance(grid, *ends, radius=0.0, tolerance=0.01)
