@@ -292,8 +292,8 @@ def swept_clearance(
 
     A hand that is before a thin wall in one frame and behind it in the next has gone through, and this sees it. The
     least value of the field over segment and way is found by branch and bound: patches of both are halved until
-    `lipschitz` proves that none holds a value lower than the best by more than `tolerance`. What it sees is the field: a
-    grid does not hold walls that are thinner than its voxels, and its bake's `doubts` say so (`scenes.sdf.thin`).
+    `lipschitz` proves that none holds a value lower than the best by more than `tolerance`. It sees what is in the
+    field: a grid does not hold walls thinner than its voxels, of which its bake's `doubts` speak (`scenes.sdf.thin`).
 
     Differentiable with respect to all ends and the radius, once where the field is a grid: by the envelope theorem the
     gradient of a minimum is that of the field at the point where it is attained.
