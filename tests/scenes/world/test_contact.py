@@ -112,13 +112,14 @@ def test_what_converges_is_nearest_inside_and_outside_of_solids_and_grids(
     mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1]) if inward else mesh
     grid, surface = bake(mesh, resolution, 0.15, cache=None).grid, Surface.of(mesh)
     low, high = torch.from_numpy(mesh.bounds)
-    for margin, least in ((0.0, 0.8), (0.15, 0.9), (2.0, 0.9)):  # within solids of few voxels ridges are everywhere
+    for margin in (0.0, 0.15, 2.0):
         points = low - margin + torch.rand(300, 3, dtype=torch.float64) * (high - low + 2 * margin)
         found = closest_point(grid, points)
-        away = (found.points - points).norm(dim=-1).numpy()
-        excess = (away - surface.unsigned_distance(points.numpy()))[found.converged.numpy()]
-        assert excess.max() <= (1 + FAR_ERROR) * grid.spacing and np.quantile(excess, 0.99) < grid.spacing
-        assert found.converged.double().mean() > least
+        away, exact = (found.points - points).norm(dim=-1).numpy(), surface.unsigned_distance(points.numpy())
+        converged, deep = found.converged.numpy(), exact > 3 * grid.spacing  # ridges are everywhere in thin solids
+        excess = (away - exact)[converged]
+        assert excess.max(initial=0) <= (1 + FAR_ERROR) * grid.spacing and (excess > grid.spacing).sum() <= 9
+        assert (converged | ~deep).mean() > 0.9
         assert (grid.distance(found.points).abs() <= 1e-4)[found.converged].all()
 
 
