@@ -111,7 +111,7 @@ def test_what_converges_is_nearest_inside_and_outside_of_solids_and_grids(
     mesh = csg("union", *solids)
     mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1]) if inward else mesh
     grid, surface = bake(mesh, resolution, 0.15, cache=None).grid, Surface.of(mesh)
-    low, high = torch.from_numpy(mesh.bounds)
+    low, high = torch.tensor(mesh.bounds)
     for margin in (0.0, 0.15, 2.0):
         points = low - margin + torch.rand(300, 3, dtype=torch.float64) * (high - low + 2 * margin)
         found = closest_point(grid, points)
