@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from scenes.kernels import helper, kernel
-from scenes.kernels.query import trilinear
+from scenes.kernels.query import left, trilinear
 from scenes.kernels.triangles import framed, planar_squared, squared_distance
 
 CELL = 8
@@ -504,10 +504,10 @@ def _collapsed(v, i, j, k, x, y, z, unit, out):
 
 
 @kernel
-def queried(points, begin, end, origin, spacing, coarse, index, blocks, beyond, value, gradient):
+def queried(points, begin, end, origin, spacing, coarse, index, blocks, beyond, margin, value, gradient):
     """Value (m) and gradient at ``points[begin:end]``; `spacing` is that of the coarse nodes.
 
-    Outside the grid: the value at the nearest point of it plus `beyond` times the distance to that.
+    Outside the grid as `left` says.
     """
     found = np.empty(4)
     unit = spacing / CELL / STEPS
@@ -539,10 +539,12 @@ def queried(points, begin, end, origin, spacing, coarse, index, blocks, beyond, 
             _collapsed(blocks[level][at], a, b, c, x, y, z, unit, found)
         over = parts / spacing
         ox, oy, oz = (lx - cx) * spacing, (ly - cy) * spacing, (lz - cz) * spacing
-        away = math.sqrt(ox * ox + oy * oy + oz * oz)
-        out = beyond / away if away > 0.0 else 0.0
-        value[p] = found[0] + beyond * away
-        # Along an axis on which a point was clamped the interpolant is constant, and only the distance changes.
-        gradient[p, 0] = (found[1] * over if ox == 0.0 else 0.0) + ox * out
-        gradient[p, 1] = (found[2] * over if oy == 0.0 else 0.0) + oy * out
-        gradient[p, 2] = (found[3] * over if oz == 0.0 else 0.0) + oz * out
+        value[p] = found[0]
+        squared, turn, share = ox * ox + oy * oy + oz * oz, 0.0, 1.0
+        if squared != 0.0:
+            squared += 2.0 * margin * (abs(ox) + abs(oy) + abs(oz))
+            value[p], turn, share = left(found[0], squared, beyond)
+        # Along an axis on which a point was clamped the interpolant is constant, and only the way there changes.
+        gradient[p, 0] = found[1] * over * share if ox == 0.0 else (ox + math.copysign(margin, ox)) * turn
+        gradient[p, 1] = found[2] * over * share if oy == 0.0 else (oy + math.copysign(margin, oy)) * turn
+        gradient[p, 2] = found[3] * over * share if oz == 0.0 else (oz + math.copysign(margin, oz)) * turn

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from scenes.kernels import helper, kernel
-from scenes.kernels.query import trilinear
+from scenes.kernels.query import left, trilinear
 
 SIDE = 4
 """Voxels along the edge of a block."""
@@ -54,13 +54,17 @@ def _split(x, size):
 
 
 @helper
-def _sampled(values, origin, spacing, beyond, slopes, x, y, z):
+def _sampled(values, origin, spacing, beyond, margin, slopes, x, y, z):
     """Value at a point, and the range of the gradient within NEAR voxels of it."""
     i, u, ox = _split((x - origin[0]) / spacing, values.shape[0])
     j, v, oy = _split((y - origin[1]) / spacing, values.shape[1])
     k, w, oz = _split((z - origin[2]) / spacing, values.shape[2])
-    inside = trilinear(values, i, j, k, 1, u, v, w)
-    return inside + beyond * spacing * math.sqrt(ox * ox + oy * oy + oz * oz), slopes[i // SIDE, j // SIDE, k // SIDE]
+    value = float(trilinear(values, i, j, k, 1, u, v, w))
+    squared = spacing * spacing * (ox * ox + oy * oy + oz * oz)
+    if squared != 0.0:
+        squared += 2.0 * margin * spacing * (abs(ox) + abs(oy) + abs(oz))
+        value = left(value, squared, beyond)[0]
+    return value, slopes[i // SIDE, j // SIDE, k // SIDE]
 
 
 @helper
@@ -95,11 +99,11 @@ def _halved(stack, top, s, t, hs, ht, along):
 
 
 @kernel
-def lowest(values, origin, spacing, beyond, slopes, widest, ends, enough, tolerance, begin, end, shares):
+def lowest(values, origin, spacing, beyond, margin, slopes, widest, ends, enough, tolerance, begin, end, shares):
     """Where on segments ``begin .. end``, each on its way, the interpolant is least: branch and bound, depth first.
 
     Args:
-        values, origin, spacing, beyond: of the grid.
+        values, origin, spacing, beyond, margin: of the grid.
         slopes: range of the gradient in each block and its neighbours.
         widest: range of it everywhere.
         ends: a0, b0, a1, b1 of every segment, ``[n, 4, 3]``.
@@ -116,7 +120,7 @@ def lowest(values, origin, spacing, beyond, slopes, widest, ends, enough, tolera
         for corner in range(4):  # where a segment slants, one of its ends is least
             s, t = float(corner % 2), float(corner // 2)
             x, y, z = _at(ends, n, 0, s, t)[0], _at(ends, n, 1, s, t)[0], _at(ends, n, 2, s, t)[0]
-            value, _ = _sampled(values, origin, spacing, beyond, slopes, x, y, z)
+            value, _ = _sampled(values, origin, spacing, beyond, margin, slopes, x, y, z)
             if value < best:
                 best = value
                 shares[n, 0], shares[n, 1] = s, t
@@ -126,7 +130,7 @@ def lowest(values, origin, spacing, beyond, slopes, widest, ends, enough, tolera
             x, ux, vx, wx = _at(ends, n, 0, s, t)
             y, uy, vy, wy = _at(ends, n, 1, s, t)
             z, uz, vz, wz = _at(ends, n, 2, s, t)
-            value, near = _sampled(values, origin, spacing, beyond, slopes, x, y, z)
+            value, near = _sampled(values, origin, spacing, beyond, margin, slopes, x, y, z)
             if value < best:
                 best = value
                 shares[n, 0], shares[n, 1] = s, t

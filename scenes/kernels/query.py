@@ -33,6 +33,29 @@ def trilinear(v, i, j, k, s, x, y, z):
 
 
 @helper
+def left(v, squared, beyond):
+    """Value outside a grid, from the value `v` at the nearest point of its border, and what gradients there take.
+
+    No surface is within `margin` of the border. Where all is free outside, b leads from the point q of the grid nearest
+    to p to p itself: along an axis with b != 0 any point s of a surface is `margin` behind q or more, and along the
+    others b is 0. So |p - s|^2 = |q - s|^2 + |b|^2 - 2 b (s - q) >= v^2 + |b|^2 + 2 margin (|b_x| + |b_y| + |b_z|): the
+    root of that is what p is away at least. From a border that is solid, and where all outside is, it is what falls
+    fastest of all distances: v + |b|, and v - |b|; there the margin counts as 0.
+
+    Args:
+        squared: |b|^2 + 2 margin (|b_x| + |b_y| + |b_z|).
+
+    Returns:
+        the value; its derivative by b, over b and `margin` in its direction; its derivative by `v`.
+    """
+    zero = v - v
+    one = zero + 1
+    free = v if v > zero and beyond > zero else zero
+    r = math.sqrt(squared + free * free)
+    return v - free + beyond * r, beyond / (r if r > zero else one), free / r if free > zero else one
+
+
+@helper
 def _located(local, axis, size, places, voxel, share):
     """Number of each point's voxel and where in it the point lies, along one axis; `local` becomes what lies outside.
 
@@ -112,7 +135,7 @@ def _summed(s, over):
 
 
 @kernel
-def interpolated(values, shape, origin, spacing, beyond, points, begin, end, value, gradient):
+def interpolated(values, shape, origin, spacing, beyond, margin, points, begin, end, value, gradient):
     """Value of points ``begin .. end``, and their gradient unless `gradient` is empty.
 
     Args:
@@ -120,7 +143,7 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
         shape: nodes along x, y, z, and numbers in a row along z.
         origin: of node 0, double.
         spacing: metres a voxel.
-        beyond: sign of the distance that is added outside.
+        beyond, margin: sign of the distance far outside, and metres from the border to any surface; see `left`.
         points: x, y, z of one after the other, ``[n, 3]`` in one piece; `value` ``[n]`` and `gradient` ``[n, 3]``,
             or empty, have their precision.
     """
@@ -135,7 +158,8 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
         _fetched(values, voxel, count, shape[1], shape[3], scratch)
         _summed(scratch, over)
         if outside:
-            _leave(local, scratch.dtype.type(spacing), scratch.dtype.type(beyond), scratch)
+            kind = scratch.dtype.type
+            _leave(local, kind(spacing), kind(beyond), kind(margin), scratch)
         for i in range(count):
             value[first + i] = scratch[_VALUE + i]
         if len(gradient) > 0:
@@ -147,18 +171,19 @@ def interpolated(values, shape, origin, spacing, beyond, points, begin, end, val
 
 
 @helper
-def _leave(local, spacing, beyond, s):
-    """Add the way from the grid to points outside; along axes on which one was moved, only that way changes.
+def _leave(local, spacing, beyond, margin, s):
+    """Lead the values at the border on to points outside; along axes on which one was moved, only that way changes.
 
     Without a branch, for all of a chunk: few of its points are outside, and branches on that would be mispredicted.
     """
     zero, one = s.dtype.type(0), s.dtype.type(1)
     for i in range(CHUNK):
         bx, by, bz = local[i] * spacing, local[CHUNK + i] * spacing, local[2 * CHUNK + i] * spacing
-        away = math.sqrt(bx * bx + by * by + bz * bz)
-        s[_VALUE + i] += beyond * away
-        turn = beyond / (away if away != zero else one)
-        dx, dy, dz = s[_DX + i], s[_DY + i], s[_DZ + i]
-        s[_DX + i] = bx * turn if bx != zero else dx
-        s[_DY + i] = by * turn if by != zero else dy
-        s[_DZ + i] = bz * turn if bz != zero else dz
+        squared = bx * bx + by * by + bz * bz + 2 * margin * (abs(bx) + abs(by) + abs(bz))
+        value, turn, share = left(s[_VALUE + i], squared, beyond)
+        s[_VALUE + i] = value if squared != zero else s[_VALUE + i]
+        share = share if squared != zero else one
+        dx, dy, dz = s[_DX + i] * share, s[_DY + i] * share, s[_DZ + i] * share
+        s[_DX + i] = (bx + math.copysign(margin, bx)) * turn if bx != zero else dx
+        s[_DY + i] = (by + math.copysign(margin, by)) * turn if by != zero else dy
+        s[_DZ + i] = (bz + math.copysign(margin, bz)) * turn if bz != zero else dz

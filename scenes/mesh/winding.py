@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.kernels import spans
+from scenes.kernels.opposite import opposite
 from scenes.kernels.winding import LEAF, clusters, morton, winding
 
 _CHUNK = 256
@@ -38,6 +39,23 @@ class Dipoles:
         order = np.argsort(codes, kind="stable").astype(np.int32)
         leaves = 1 << max(0, (-(-len(faces) // LEAF) - 1).bit_length())
         return cls(vertices, faces, order, clusters(vertices, faces, order, leaves))
+
+    def opposite(
+        self, triangles: np.ndarray, points: np.ndarray, length: float, threads: int | None = None
+    ) -> np.ndarray:
+        """How far the surface turns its back to points on it: in front of each and behind, ``[n, 2]``.
+
+        Args:
+            triangles: the one that each point lies on, ``[n]``.
+            points: ``[n, 3]`` in the unit and frame of the vertices.
+            length: as far as this along the triangle's normal both ways; infinite where nothing is met.
+        """
+        out = np.empty((len(points), 2))
+        tree = (self.vertices, self.faces, self.order, self.tree)
+        spans(
+            lambda begin, end: opposite(*tree, triangles, points, length, begin, end, out), len(points), _CHUNK, threads
+        )
+        return out
 
     def at(self, points: np.ndarray, threads: int | None = None, reach: float = 2.5) -> np.ndarray:
         """Winding number at ``[n, 3]`` points in the unit and frame of the vertices.

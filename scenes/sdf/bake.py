@@ -29,8 +29,9 @@ from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
+from scenes.sdf.thin import thin_doubts
 
-FORMAT = 6
+FORMAT = 7
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not read."""
 
 
@@ -121,9 +122,11 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
         walls *= np.float32(lattice.spacing)
         walls -= np.float32(thickness / 2)
         np.minimum(distance, walls, out=distance)
-    grid = SdfGrid(
-        torch.from_numpy(distance), torch.tensor(lattice.origin, dtype=torch.float64), lattice.spacing, sides.beyond
-    )
+    margin = max(lattice.margin(sides.surface.bounds) - (thickness / 2 if thin is not None else 0.0), 0.0)
+    origin = torch.tensor(lattice.origin, dtype=torch.float64)
+    grid = SdfGrid(torch.from_numpy(distance), origin, lattice.spacing, sides.beyond, margin)
+    if thickness < lattice.spacing:
+        doubts += thin_doubts(sides, grid.near, lattice.spacing, mesh.name)
     rule = sides.rule
     return Bake(grid, rule.name, signs, rule.inward, rule.message, doubts)
 

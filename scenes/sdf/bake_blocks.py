@@ -25,6 +25,7 @@ from scenes.sdf.free_space import Sides
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import grown, sign
+from scenes.sdf.thin import thin_doubts
 
 BAND = 2.0
 """Fine voxels from the surface within which cells are divided where that is needed."""
@@ -103,9 +104,10 @@ def _baked(
     rule, soup = sides.rule, Soup.of(sides.surface, lattice)
     coarse = unsigned(soup, threads)
     signs = sign(coarse, soup, sides, lattice.spacing, threads)
+    grid = _Builder(sides, soup, lattice, coarse, tolerance, slope, threads).built()
     doubts = rule.doubts + doubts_about(coarse, signs, sides, lattice, mesh.name)
-    builder = _Builder(sides, soup, lattice, coarse, tolerance, slope, threads)
-    return Bake(builder.built(), rule.name, signs, rule.inward, rule.message, doubts)
+    doubts += thin_doubts(sides, grid.near, grid.spacing, mesh.name)
+    return Bake(grid, rule.name, signs, rule.inward, rule.message, doubts)
 
 
 @dataclass
@@ -158,7 +160,8 @@ class _Builder:
             join = partial(kernels.joined, index, cells[level], level + 1, blocks[level])
             spans(join, len(blocks[level]), _CHUNK, self.threads)
         origin = np.array(self.lattice.origin)
-        return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.sides.beyond)
+        margin = self.lattice.margin(self.sides.surface.bounds)
+        return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.sides.beyond, margin)
 
     def _put_together(self, found: list[_Found], level: int, count: int) -> np.ndarray:
         """The blocks of one level; columns free theirs on the way."""

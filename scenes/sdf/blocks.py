@@ -18,7 +18,7 @@ from torch import Tensor
 
 from scenes.files import read_arrays
 from scenes.kernels.blocks import CELL, LEVELS, STEPS, queried
-from scenes.sdf.grid import Interpolated, in_parts
+from scenes.sdf.grid import Interpolated, in_parts, margin_of, stored_margin
 
 Blocks: TypeAlias = tuple[np.ndarray, ...]
 """Blocks of 3^3, 5^3 and 9^3 nodes, ``[n, 3, 3, 3]``, ``[n, 5, 5, 5]``, ``[n, 9, 9, 9]`` int16."""
@@ -38,6 +38,7 @@ class SdfBlocks(Interpolated):
         origin: position of coarse node ``[0, 0, 0]``, metres, world, ``[3]`` float64.
         spacing: between the nodes of the finest blocks, metres.
         beyond: +1 where the space around the grid is free (an object), -1 where it is solid (around a room).
+        margin: metres from the border to the nearest surface, or less; as `SdfGrid.margin`.
     """
 
     coarse: np.ndarray
@@ -46,6 +47,12 @@ class SdfBlocks(Interpolated):
     origin: np.ndarray
     spacing: float
     beyond: float = 1.0
+    margin: float = 0.0
+
+    @property
+    def widest(self) -> float:
+        """Metres between coarse nodes."""
+        return CELL * self.spacing
 
     @property
     def bounds(self) -> np.ndarray:
@@ -68,15 +75,26 @@ class SdfBlocks(Interpolated):
         """Share of the volume that the finest blocks cover."""
         return len(self.blocks[-1]) / self.index.size
 
+    def near(self, points: np.ndarray) -> np.ndarray:
+        """Values (m) at world points (m) ``[n, 3]``: where nodes are, as between them."""
+        found: np.ndarray = self.distance(torch.from_numpy(points)).numpy()
+        return found
+
     def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor]:
         """Value ``[n]`` and gradient ``[n, 3]`` at points ``[n, 3]``; on the CPU, wherever the points are."""
         local = points.cpu()
         local = local if local.dtype in (torch.float32, torch.float64) else local.float()
         value, gradient = local.new_empty(len(local)), torch.empty_like(local)
-        facts = (self.origin, CELL * self.spacing, self.coarse, self.index, self.blocks, self.beyond)
+        nodes = (self.origin, CELL * self.spacing, self.coarse, self.index, self.blocks)
+        facts = (*nodes, self.beyond, self.outer_margin)
         out = (value.numpy(), gradient.numpy())
         in_parts(len(local), lambda begin, end: queried(local.numpy(), begin, end, *facts, *out))
         return value.to(points), gradient.to(points)
+
+    @cached_property
+    def outer_margin(self) -> float:
+        """The margin as distances outside take it, see `scenes.sdf.grid.margin_of`."""
+        return margin_of(self.coarse, self.margin) if self.beyond > 0 else 0.0
 
     @cached_property
     def lipschitz(self) -> float:
@@ -100,6 +118,7 @@ class SdfBlocks(Interpolated):
             "origin": self.origin,
             "spacing": np.array(self.spacing),
             "beyond": np.array(self.beyond),
+            "margin": np.array(self.margin),
         }
 
     @classmethod
@@ -129,4 +148,4 @@ class SdfBlocks(Interpolated):
             numbers = index[(index >= 0) & (index % LEVELS == level)] // LEVELS
             if numbers.size and numbers.max() >= len(of_level):
                 raise ValueError(f"cells refer to blocks of level {level + 1} that are missing")
-        return cls(coarse, index, blocks, origin, spacing, beyond)
+        return cls(coarse, index, blocks, origin, spacing, beyond, stored_margin(data))

@@ -29,11 +29,24 @@ CROWDED, APART = 64, 16
 """Numbers in a row whose multiples crowd the caches (256 bytes), and those that a longer row has in addition."""
 
 
+OUTSIDE = 256
+"""Points outside a grid that are looked after together, so that little memory is needed."""
+
 _COMPILED = (torch.float32, torch.float64)  # what kernels are compiled for
 
 
 class Interpolated(ABC):
     """A field read off stored nodes, whose gradient comes with its value; a grid says how in `_evaluate`."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> np.ndarray:
+        """First and last node, ``[2, 3]``, metres."""
+
+    @property
+    @abstractmethod
+    def widest(self) -> float:
+        """Metres between nodes where they are farthest apart."""
 
     @abstractmethod
     def _evaluate(self, points: Tensor, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
@@ -46,10 +59,13 @@ class Interpolated(ABC):
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Interpolant (m) at `points` (m, world), with its exact gradient.
 
-        Outside the grid: the value at the nearest point of the grid, plus (minus where `beyond` is -1) the distance
-        to that point; this is continuous, and for `beyond` = 1 an upper bound of the true distance. The gradient can
-        be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or infinity.
-        `time` is ignored: a grid does not move.
+        Outside the grid, which surfaces never leave, it is continuous and a bound from below: with the value v at the
+        nearest point of the grid, b away, sqrt(v^2 + |b|^2 + 2 margin (|b_x| + |b_y| + |b_z|)) where that is free and
+        `beyond` is 1, v + |b| where it is solid, and v - |b| where `beyond` is -1; `scenes.kernels.query.left` proves
+        it. It exceeds the distance by no more than v does (`scenes.sdf.distances`, and voxel^2 / 4 v of interpolation).
+
+        The gradient can be taken once; a second derivative raises RuntimeError. Points that are not finite give NaN or
+        infinity. `time` is ignored: a grid does not move.
         """
         if points.shape[-1] != 3:
             raise UserError(f"points have shape {tuple(points.shape)}; give [*b, 3]")
@@ -61,6 +77,47 @@ class Interpolated(ABC):
         value, gradient = self._evaluate(flat(points), with_gradient=True)
         assert gradient is not None
         return value.reshape(points.shape[:-1]), gradient.reshape(points.shape)
+
+    def entered(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b 3"], Float[Tensor, "*b"]]:
+        """Where the way from points (m) outside the grid to the nearest surface enters it, and how sure that is.
+
+        It is the point q of the border at which the way to q and the distance there are least together; their sum is
+        the distance outside. Branch and bound finds a q with a sum that exceeds the least by a quarter of a voxel at
+        most, or by a 1600th where that is more, because its cost grows with one over that. Not differentiable.
+
+        Returns:
+            q (m), and by how much more than a quarter of a voxel its sum may be too large (m); of points of the grid
+            themselves, and 0.
+        """
+        given = flat(points).double()
+        low, high = torch.from_numpy(self.bounds).to(given)
+        place, error = given.clone(), torch.zeros_like(given[:, 0])
+        outside = ((given < low) | (given > high)).any(-1) & given.isfinite().all(-1)
+        for some in outside.nonzero()[:, 0].split(OUTSIDE):
+            place[some], error[some] = self._entrance(given[some], low, high)
+        return place.to(points).reshape(points.shape), error.to(points).reshape(points.shape[:-1])
+
+    def _entrance(self, points: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
+        """The same for points ``[n, 3]`` that are all outside: rectangles of the six faces are halved."""
+        best, where = points.new_full((len(points),), torch.inf), points.clone()
+        allowed = ((points - points.clamp(low, high)).norm(dim=-1) / 1600).clamp_min(self.widest / 4)
+        item = torch.arange(len(points), device=points.device).repeat(6)
+        axes, size = torch.eye(3).to(points), (high - low) / 2
+        centre = (low + size + torch.cat([axes, -axes]) * size).repeat_interleave(len(points), 0)
+        half = (size * (1 - axes)).repeat(2, 1).repeat_interleave(len(points), 0)
+        while len(item) > 0:
+            value, way = self._evaluate(centre, with_gradient=False)[0].abs(), (points[item] - centre).abs()
+            length, before = value + way.norm(dim=-1), best[item]
+            best = best.scatter_reduce(0, item, length, "amin")
+            better = (length == best[item]) & (length < before)
+            where[item[better]] = centre[better]
+            lowest = (way - half).clamp_min(0).norm(dim=-1) + value - half.norm(dim=-1)
+            open_ = lowest < (best - allowed)[item]
+            item, centre, half = item[open_], centre[open_], half[open_]
+            step = torch.nn.functional.one_hot(half.argmax(-1), 3) * half / 2
+            item, half = item.repeat(2), (half - step).repeat(2, 1)
+            centre = torch.cat([centre - step, centre + step])
+        return where, allowed - self.widest / 4
 
     def save(self, path: str | Path) -> None:
         """Write `arrays` to an .npz file, whole or not at all."""
@@ -81,12 +138,14 @@ class SdfGrid(Interpolated):
         origin: position of node ``[0, 0, 0]``, metres, world, ``[3]`` float64.
         spacing: edge of a voxel, metres.
         beyond: +1 where the space around the grid is free (an object), -1 where it is solid (around a room).
+        margin: metres from the border to the nearest surface, or less; distances outside are the better for it.
     """
 
     values: Float[Tensor, "X Y Z"]
     origin: Float[Tensor, "3"]
     spacing: float
     beyond: float = 1.0
+    margin: float = 0.0
     _copies: dict[torch.device, Tensor] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -96,6 +155,11 @@ class SdfGrid(Interpolated):
             raise UserError(f"a distance grid needs a positive spacing in metres, not {self.spacing}")
         object.__setattr__(self, "values", self.values.to(torch.float32).contiguous())
         object.__setattr__(self, "origin", self.origin.to(torch.float64))
+
+    @property
+    def widest(self) -> float:
+        """Metres between nodes."""
+        return self.spacing
 
     @property
     def bounds(self) -> np.ndarray:
@@ -130,6 +194,13 @@ class SdfGrid(Interpolated):
         given, out = (*self._arrays, points.numpy()), (value.numpy(), gradient.numpy())
         in_parts(count, lambda begin, end: interpolated.compiled(*given, begin, end, *out))
         return value, gradient if with_gradient else None
+
+    def near(self, points: np.ndarray) -> np.ndarray:
+        """Values (m) of the nodes nearest to world points (m) ``[n, 3]``, of the border's for points outside."""
+        index = np.rint((points - self.origin.cpu().numpy()) / self.spacing).astype(np.int64)
+        x, y, z = index.clip(0, np.array(self.values.shape) - 1).T
+        found: np.ndarray = self.values.detach().cpu().numpy()[x, y, z]
+        return found
 
     def lowest_on_way(
         self, ends: Float[Tensor, "n 4 3"], enough: Float[Tensor, " n"], tolerance: float | int
@@ -183,7 +254,7 @@ class SdfGrid(Interpolated):
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:
-        """What queries ask for: flat values, nodes along each axis and numbers in a row, origin, spacing, sign beyond.
+        """What queries ask for: flat values, nodes along each axis and numbers in a row, origin, spacing, outside.
 
         Where rows begin at multiples of a large power of two, the neighbours of a point compete for the same few places
         of the processor's caches; such a grid is kept a second time, with longer rows, once it is queried.
@@ -195,7 +266,13 @@ class SdfGrid(Interpolated):
             spread[..., :row] = values
             values = spread
         shape = (*plane, row, values.shape[-1])
-        return values.reshape(-1), shape, self.origin.cpu().numpy(), float(self.spacing), float(self.beyond)
+        outside = float(self.beyond), self.outer_margin
+        return values.reshape(-1), shape, self.origin.cpu().numpy(), float(self.spacing), *outside
+
+    @cached_property
+    def outer_margin(self) -> float:
+        """The margin as distances outside take it, see `margin_of`."""
+        return margin_of(self.values.detach().cpu().numpy(), self.margin) if self.beyond > 0 else 0.0
 
     def _values_on(self, device: torch.device) -> Tensor:
         if device == self.values.device:
@@ -211,6 +288,7 @@ class SdfGrid(Interpolated):
             "origin": self.origin.cpu().numpy(),
             "spacing": np.float64(self.spacing),  # type: ignore[dict-item]  # 0-d arrays on disk
             "beyond": np.float64(self.beyond),  # type: ignore[dict-item]
+            "margin": np.float64(self.margin),  # type: ignore[dict-item]
         }
 
     @classmethod
@@ -228,7 +306,8 @@ class SdfGrid(Interpolated):
         beyond = float(data["beyond"])
         if beyond not in (-1.0, 1.0):
             raise ValueError("'beyond' is neither -1 nor 1")
-        return cls(torch.from_numpy(values), torch.from_numpy(origin), float(data["spacing"]), beyond)
+        margin = stored_margin(data)
+        return cls(torch.from_numpy(values), torch.from_numpy(origin), float(data["spacing"]), beyond, margin)
 
 
 class Interpolant(torch.autograd.Function):
@@ -290,6 +369,29 @@ def _scaled(points: Tensor, gradient: Tensor, grad_output: Tensor) -> Tensor:
     return gradient.view(points.shape) * grad_output.unsqueeze(-1)
 
 
+def margin_of(values: np.ndarray, stated: float) -> float:
+    """The margin (m) of a grid that is free outside, `stated` or less: what nodes of the border say at least.
+
+    With it no slope outside is over 1: at an edge of the grid a surface is sqrt(2) margins away, at a corner sqrt(3).
+    """
+    least = stated
+    for axes in range(1, 8):
+        along = [axis for axis in range(3) if axes >> axis & 1]
+        corner = values
+        for axis in along:
+            corner = corner.take([0, -1], axis=axis)
+        least = min(least, float(corner.min()) / len(along) ** 0.5)
+    return max(least, 0.0)
+
+
+def stored_margin(data: Any) -> float:
+    """The margin in a file's arrays, 0 in those of earlier versions; raises ValueError for what is none."""
+    margin = float(data["margin"]) if "margin" in data else 0.0
+    if not (np.isfinite(margin) and margin >= 0):
+        raise ValueError("'margin' is negative or not finite")
+    return margin
+
+
 def flat(points: Tensor) -> Tensor:
     """Points ``[n, 3]`` in one piece, outside autograd."""
     plain = points.detach()
@@ -307,7 +409,10 @@ def in_parts(count: int, work: Callable[[int, int], Any]) -> None:
 
 
 def interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bool) -> tuple[Tensor, Tensor | None]:
-    """The same in torch, for other devices and types: value ``[n]`` and gradient ``[n, 3]`` (or None)."""
+    """The same in torch, for other devices and types: value ``[n]`` and gradient ``[n, 3]`` (or None).
+
+    Outside the grid as `scenes.kernels.query.left` says.
+    """
     size = points.new_tensor(values.shape) - 1
     # Subtracting the origin in double keeps scenes far from zero exact, as in "origin in world metres".
     local = ((points.double() - grid.origin.to(points.device)) / grid.spacing).to(points.dtype)
@@ -323,18 +428,22 @@ def interpolate(points: Tensor, values: Tensor, grid: SdfGrid, with_gradient: bo
     along_x = line[1] - line[0]
     value = line[0] + along_x * x
     beyond = (local - inside) * grid.spacing
-    away = torch.linalg.vector_norm(beyond, dim=-1)
-    value = value + grid.beyond * away
+    free = value.clamp_min(0) if grid.beyond > 0 else torch.zeros_like(value)
+    beside = (2 * grid.outer_margin * beyond.abs().sum(-1)).sqrt()
+    away = torch.linalg.vector_norm(torch.cat([beyond, free[:, None], beside[:, None]], dim=-1), dim=-1)
+    outside = (beyond != 0).any(-1)
+    value = torch.where(outside, value - free + grid.beyond * away, value)
     if not with_gradient:
         return value, None
     dy = along_y[0] + (along_y[1] - along_y[0]) * x
     square = along_z[0::2] + (along_z[1::2] - along_z[0::2]) * y
     dz = square[0] + (square[1] - square[0]) * x
     gradient = torch.stack([along_x, dy, dz], dim=-1) / grid.spacing
-    # Along an axis on which a point was clamped the interpolant is constant, and only the distance changes.
-    gradient = torch.where(beyond == 0, gradient, torch.zeros_like(gradient))
-    outward = beyond / away.clamp_min(torch.finfo(points.dtype).tiny).unsqueeze(-1)
-    return value, gradient + grid.beyond * outward
+    # Along an axis on which a point was clamped the interpolant is constant, and only the way there changes.
+    away = away.clamp_min(torch.finfo(points.dtype).tiny)
+    share = torch.where(outside & (free > 0), free / away, 1.0).unsqueeze(-1)
+    outward = grid.beyond * (beyond + grid.outer_margin * beyond.sign()) / away.unsqueeze(-1)
+    return value, torch.where(beyond == 0, gradient * share, outward)
 
 
 def _corners(values: Tensor, cell: Tensor) -> Tensor:

@@ -69,6 +69,11 @@ class Lattice:
         low = np.array(self.origin)
         return np.stack([low, low + self.spacing * (np.array(self.shape) - 1)])
 
+    def margin(self, bounds: np.ndarray) -> float:
+        """Metres between its own bounds and `bounds` ``[2, 3]`` within, where they are least; 0 where they cross."""
+        own = self.bounds
+        return float(min((bounds[0] - own[0]).min(), (own[1] - bounds[1]).min()).clip(0.0))
+
     def nodes(self, index: np.ndarray) -> np.ndarray:
         """World positions ``[..., 3]`` (m, float64) of the nodes with integer indices ``[..., 3]``."""
         positions: np.ndarray = np.array(self.origin) + self.spacing * index

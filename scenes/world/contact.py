@@ -8,6 +8,7 @@ All of it is computed from a distance field and one number: how fast the field c
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -19,9 +20,22 @@ from scenes.errors import UserError
 from scenes.mesh.primitives import Plane
 from scenes.numbers import positive
 from scenes.sdf.field import DistanceField
-from scenes.sdf.grid import SdfGrid
+from scenes.sdf.grid import Interpolated, SdfGrid
+from scenes.sdf.lattice import padded
+from scenes.world.moving import MovingObject
 
 Times = tuple[Tensor, Tensor]
+
+BLUR = 0.75
+"""Voxels by which a point of a grid's surface may be farther than the grid says, and still be nearest.
+
+The interpolant rounds off what is finer than its voxels. In two scans, at 128 and 256 nodes, 99.3 % of free points find
+such a point, and of 240,000 none is more than a voxel farther than the nearest triangle; at 1 voxel 99.8 % and 2 in
+10,000. Up to a fifth of it the first point is taken; beyond, nearer ones are sought.
+"""
+
+DIRECTIONS, TRIES, HALVINGS = 64, 4, 6
+"""How many ways are looked at where Newton's method fails, from how many of them it is tried again, and how often."""
 
 
 class Closest(NamedTuple):
@@ -47,9 +61,12 @@ def closest_point(
     tolerance: float | int = 1e-4,
     steps: int = 20,
 ) -> Closest:
-    """Project points onto the surface along the field's gradient: Newton's method on the distance.
+    """The nearest point of the surface: Newton's method on the distance, and where that strays a search all around.
 
-    Where the field is a distance one step ends at the nearest point; on an interpolant a few more settle on its zero.
+    What has converged is nearest: it is no farther than the field says by more than `tolerance`, on a grid by more than
+    `BLUR` voxels (coarse ones, of `SdfBlocks`) and outside it by more than one; what the grid's distance itself errs by
+    comes on top. It holds of several fields together, and of objects that move. A field that is only a bound of a
+    distance need not converge, nor need points within two solids at once, or over a thousand voxels outside a grid.
     Not differentiable.
 
     Args:
@@ -60,8 +77,7 @@ def closest_point(
         steps: at most so many.
 
     Returns:
-        Points and normals; where the gradient vanishes (in the middle between two walls) a point stays, with a zero
-        normal, and has not converged.
+        Points and normals; of several that are nearest, one. What has not converged is where the search ended.
 
     Raises:
         UserError: points that are not ``[*b, 3]``, a tolerance that is not positive, or no steps.
@@ -70,7 +86,74 @@ def closest_point(
     positive(tolerance, "tolerance")
     if steps < 1:
         raise UserError(f"closest_point was given {steps} steps; give 1 or more")
-    here = points.detach()
+    shape, flat = points.shape[:-1], points.detach().reshape(-1, 3)
+    when = None if time is None else time.expand(shape).reshape(-1)
+    found, _ = _closest(field, flat, when, tolerance, steps)
+    return Closest(
+        found.points.reshape(points.shape), found.normals.reshape(points.shape), found.converged.reshape(shape)
+    )
+
+
+def _closest(
+    field: DistanceField, points: Float[Tensor, "n 3"], time: Tensor | None, tolerance: float | int, steps: int
+) -> tuple[Closest, Float[Tensor, " n"]]:
+    """`closest_point`, and how far away (m) the field says that the nearest point is."""
+    if isinstance(field, MovingObject):
+        found, away = _closest(field.field, field.local(points, time), None, tolerance, steps)
+        return Closest(field.world(found.points, time), field.turned(found.normals, time), found.converged), away
+    if (fields := getattr(field, "fields", None)) is not None:
+        return _closest_of(fields, points, time, tolerance, steps)
+    start, error, slack = points, torch.zeros_like(points[:, 0]), 0.0
+    low, high = points.new_tensor([[-math.inf], [math.inf]])
+    if isinstance(field, Interpolated):
+        (start, error), slack = field.entered(points), BLUR * field.widest
+        low, high = torch.from_numpy(padded(field.bounds, tolerance)).to(points)
+    away = _value(field, start, time).abs()
+    most = away + tolerance - error
+
+    def farther(found: Closest, which: Tensor) -> Tensor:
+        held = ((found.points >= low) & (found.points <= high)).all(-1)  # no surface is outside a grid
+        return ((found.points - start[which]).norm(dim=-1) - most[which]).where(found.converged & held, math.inf)
+
+    found = _settled(field, start, time, tolerance, steps)
+    excess = farther(found, torch.ones_like(away, dtype=torch.bool))
+    lost = away.isfinite() & ~(excess <= slack / 5 + error)
+    if bool(lost.any()):
+        again = _searched(field, start[lost], away[lost], None if time is None else time[lost], tolerance, steps)
+        for kept, new in zip((*found[:2], excess), (*again[:2], farther(again, lost)), strict=True):
+            kept[lost] = new
+    return found._replace(converged=excess <= slack), away + (start - points).norm(dim=-1)
+
+
+def _closest_of(
+    fields: Sequence[DistanceField],
+    points: Float[Tensor, "n 3"],
+    time: Tensor | None,
+    tolerance: float | int,
+    steps: int,
+) -> tuple[Closest, Float[Tensor, " n"]]:
+    """The nearest of the points that several fields have, in solids that of the one that is deepest.
+
+    A field that has none counts as near as it says, and where it is the nearest nothing is found. Nor is anything where
+    the deepest surface is within another solid.
+    """
+    each = [_closest(field, points, time, tolerance, steps) for field in fields]
+    away = torch.stack([away for _, away in each])
+    found = Closest(*(torch.stack(parts) for parts in zip(*(found for found, _ in each), strict=True)))
+    length = (found.points - points).norm(dim=-1).where(found.converged, away)
+    value = torch.stack([_value(field, points, time) for field in fields])
+    place = (value.sign() * length).argmin(0), torch.arange(len(points), device=points.device)
+    nearest = Closest(*(part[place] for part in found))
+    least = torch.stack([_value(field, nearest.points, time) for field in fields]).amin(0)
+    slack = max((BLUR * field.widest for field in fields if isinstance(field, Interpolated)), default=0.0)
+    return nearest._replace(converged=nearest.converged & (least >= -slack - tolerance)), away[place]
+
+
+def _settled(
+    field: DistanceField, start: Float[Tensor, "n 3"], time: Tensor | None, tolerance: float | int, steps: int
+) -> Closest:
+    """Where Newton's method on the field ends from each point, near or far."""
+    here = start
     for _ in range(steps):
         value, slope = _value_and_gradient(field, here, time)
         if bool((value.abs() <= tolerance).all()):
@@ -83,6 +166,51 @@ def closest_point(
     length = slope.norm(dim=-1, keepdim=True)
     normals = torch.where(length > 1e-6, slope / length.clamp_min(1e-6), 0.0)
     return Closest(here, normals, (value.abs() <= tolerance) & (length[..., 0] > 1e-6))
+
+
+def _searched(
+    field: DistanceField,
+    points: Float[Tensor, "n 3"],
+    away: Float[Tensor, " n"],
+    time: Tensor | None,
+    tolerance: float | int,
+    steps: int,
+) -> Closest:
+    """The nearest point of the surface, sought all around on the sphere of radius `away` that touches it.
+
+    The field is least there where the sphere touches. From the lowest of some directions Newton's method leads to the
+    surface; then from half the way there, a quarter, and so on: points between a point and its nearest have that
+    nearest too, and are farther from ridges.
+    """
+    count, ways = len(points), _directions(DIRECTIONS).to(points)
+    around = points[:, None] + away[:, None, None] * ways
+    when = None if time is None else time[:, None].expand(count, DIRECTIONS)
+    lowest = _value(field, around, when).abs().topk(TRIES, largest=False).indices
+    centre = points.repeat_interleave(TRIES, 0)
+    when = None if time is None else time.repeat_interleave(TRIES)
+    best = _settled(field, around.gather(1, lowest[..., None].expand(-1, -1, 3)).reshape(-1, 3), when, tolerance, steps)
+    gone = (best.points - centre).norm(dim=-1).where(best.converged, math.inf)
+    for halving in range(1, HALVINGS + 1):
+        start = torch.lerp(centre, best.points, 0.5**halving)
+        found = _settled(field, start, when, tolerance, steps)
+        length = (found.points - centre).norm(dim=-1).where(found.converged, math.inf)
+        nearer = length < gone
+        gone = torch.minimum(gone, length)
+        best = Closest(
+            found.points.where(nearer[:, None], best.points),
+            found.normals.where(nearer[:, None], best.normals),
+            found.converged | best.converged,
+        )
+    chosen = gone.reshape(count, TRIES).argmin(1) + TRIES * torch.arange(count, device=points.device)
+    return Closest(best.points[chosen], best.normals[chosen], best.converged[chosen])
+
+
+def _directions(count: int) -> Float[Tensor, "count 3"]:
+    """Unit vectors spread evenly over the sphere, along a golden spiral."""
+    at = torch.arange(count, dtype=torch.float64) + 0.5
+    height, turn = 1 - 2 * at / count, math.pi * (1 + math.sqrt(5)) * at
+    across = (1 - height.square()).sqrt()
+    return torch.stack([across * turn.cos(), across * turn.sin(), height], dim=-1)
 
 
 def march(
@@ -164,7 +292,8 @@ def swept_clearance(
 
     A hand that is before a thin wall in one frame and behind it in the next has gone through, and this sees it. The
     least value of the field over segment and way is found by branch and bound: patches of both are halved until
-    `lipschitz` proves that none holds a value lower than the best by more than `tolerance`.
+    `lipschitz` proves that none holds a value lower than the best by more than `tolerance`. It sees what is in the
+    field: a grid does not hold walls thinner than its voxels, of which its bake's `doubts` speak (`scenes.sdf.thin`).
 
     Differentiable with respect to all ends and the radius, once where the field is a grid: by the envelope theorem the
     gradient of a minimum is that of the field at the point where it is attained.

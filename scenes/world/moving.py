@@ -32,8 +32,8 @@ from scenes.sdf.grid import SdfGrid
 from scenes.sdf.settings import Cache, check_resolution
 
 PADDING = 0.3
-"""Metres of grid around an object. Beyond its grid a distance is an upper bound (see `SdfGrid.distance`); this is more
-than the thickest part of a body and its margin, so that the bound never hides a contact."""
+"""Metres of grid around an object. Beyond its grid a distance is a bound from below (see `SdfGrid.distance`), which is
+more than this: more than the thickest part of a body and its margin, so that nothing there counts as touched."""
 
 HALF_TURN = 1e-3
 """A turn may exceed a half by twice this many radians and still go the way it was stated: people write 3.1416."""
@@ -221,6 +221,16 @@ class MovingObject:
         x, y, z = (points - position).split(1, dim=-1)
         return x * rotation[..., 0, :] + y * rotation[..., 1, :] + z * rotation[..., 2, :]
 
+    def turned(self, vectors: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b 3"]:
+        """Vectors of the object's frame as they are in the world at `time` (s; 0 s when None)."""
+        _, rotation = self.trajectory.at(clock(time, vectors))
+        return (rotation @ vectors[..., None])[..., 0]
+
+    def world(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b 3"]:
+        """Points of the object's frame (m) in the world at `time` (s; 0 s when None)."""
+        position, _ = self.trajectory.at(clock(time, points))
+        return self.turned(points, time) + position
+
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Signed distance (m, positive outside), differentiable once in points and time.
 
@@ -274,7 +284,12 @@ class MovingObject:
             what: object = (shape.digest, self.resolution)
         elif isinstance(shape, Bake | SdfGrid):
             grid = shape if isinstance(shape, SdfGrid) else shape.grid
-            what = (hashlib.sha256(grid.arrays()["values"].tobytes()).hexdigest(), grid.origin.tolist(), grid.spacing)
+            what = (
+                hashlib.sha256(grid.arrays()["values"].tobytes()).hexdigest(),
+                grid.origin.tolist(),
+                grid.spacing,
+                grid.margin,
+            )
         else:
             what = shape
         return hashlib.sha256(repr((what, self.trajectory)).encode()).hexdigest()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.mesh.csg import csg
@@ -152,12 +151,20 @@ def test_the_slope_bound_holds_between_any_two_points(baked: dict[str, SdfBlocks
         assert 0.9 < slope.max() <= field.lipschitz
 
 
-def test_outside_it_grows_by_the_distance(baked: dict[str, SdfBlocks]) -> None:
-    for name, sign in (("solid", 1.0), ("room", -1.0)):
+def test_outside_it_is_what_a_dense_grid_gives_for_the_same_border(baked: dict[str, SdfBlocks]) -> None:
+    for name in ("solid", "room"):
         field = baked[name]
-        corner = torch.from_numpy(field.bounds[1])
-        away: Tensor = torch.tensor([3.0, 4.0, 12.0], dtype=torch.float64)
-        torch.testing.assert_close(field.distance(corner + away), field.distance(corner) + 13 * sign, atol=1e-6, rtol=0)
+        low, high = torch.from_numpy(field.bounds)
+        points = torch.from_numpy(np.random.default_rng(3).uniform(low - 3, high + 3, (2000, 3)))
+        nearest = points.clamp(low, high)
+        away, v = (points - nearest).norm(dim=-1), field.distance(nearest)
+        free = (v > 0) & (field.beyond > 0)
+        beside = 2 * field.outer_margin * (points - nearest).abs().sum(-1)
+        expected = torch.where(free, (away.square() + v.square() + beside).sqrt(), v + field.beyond * away)
+        assert field.outer_margin == pytest.approx(0.1, abs=0.3) if field.beyond > 0 else field.outer_margin == 0
+        torch.testing.assert_close(field.distance(points), expected, atol=1e-9, rtol=0)
+        p = points[:50].clone().requires_grad_()
+        assert torch.autograd.gradcheck(field.distance, (p,), eps=1e-7, atol=1e-5)
 
 
 def test_threads_do_not_change_a_bit() -> None:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings, strategies as st
 from torch import Tensor
 
 from scenes.errors import UserError
+from scenes.mesh.csg import csg
+from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box, Plane, Sphere
+from scenes.mesh.surface import Surface
 from scenes.motion.waypoints import Waypoints
+from scenes.sdf.bake import bake
+from scenes.sdf.distances import FAR_ERROR
 from scenes.sdf.field import DistanceField
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
@@ -70,10 +78,90 @@ def test_closest_points_of_a_ball_are_exact_and_of_its_grid_nearly() -> None:
     torch.testing.assert_close(found.points[away], (centre + 0.5 * outward)[away], atol=0.02, rtol=0)
 
 
-def test_a_point_without_direction_stays_and_says_so() -> None:
+def test_between_two_walls_either_is_nearest() -> None:
     between = Box((0.0, 0.0, 0.0), (9.0, 9.0, 1.0))
-    found = closest_point(baked(between, 0.4, 6), torch.zeros(1, 3, dtype=torch.float64))
-    assert not found.converged.any() and not found.normals.any() and not found.points.any()
+    found = closest_point(baked(between, 0.6, 13), torch.zeros(1, 3, dtype=torch.float64))
+    assert found.converged.all() and found.points[0, 2].abs() == pytest.approx(0.5, abs=0.01)
+    found = closest_point(BALL, torch.tensor([BALL.center], dtype=torch.float64))
+    assert found.converged.all() and BALL.distance(found.points).abs().max() <= 1e-4
+
+
+def test_without_a_surface_nothing_converges() -> None:
+    lattice = torch.full((8, 8, 8), 0.3)
+    for beyond in (1.0, -1.0):
+        grid = SdfGrid(lattice, torch.zeros(3), 0.1, beyond)
+        found = closest_point(grid, spread(20, 2.0))
+        assert not found.converged.any()
+    assert closest_point(BALL, torch.zeros(0, 4, 3)).converged.shape == (0, 4)
+    bad = torch.tensor([[math.nan, 0.0, 0.0], [math.inf, 0.0, 0.0], [1.0, 0.0, 0.0]], dtype=torch.float64)
+    for field in (BALL, baked(BALL)):
+        assert closest_point(field, bad).converged.tolist() == [False, False, True]
+
+
+parts = st.builds(
+    Box, st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.tuples(*[st.floats(0.1, 0.8)] * 3), st.floats(0.0, 3.0)
+)
+
+
+@given(st.lists(parts, min_size=1, max_size=3), st.booleans(), st.integers(16, 48))
+@settings(max_examples=20, deadline=None)
+def test_what_converges_is_nearest_inside_and_outside_of_solids_and_grids(
+    solids: list[Box], inward: bool, resolution: int
+) -> None:
+    mesh = csg("union", *solids)
+    mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1]) if inward else mesh
+    grid, surface = bake(mesh, resolution, 0.15, cache=None).grid, Surface.of(mesh)
+    low, high = torch.tensor(mesh.bounds)
+    for margin in (0.0, 0.15, 2.0):
+        points = low - margin + torch.rand(300, 3, dtype=torch.float64) * (high - low + 2 * margin)
+        found = closest_point(grid, points)
+        away, exact = (found.points - points).norm(dim=-1).numpy(), surface.unsigned_distance(points.numpy())
+        converged, deep = found.converged.numpy(), exact > 3 * grid.spacing  # ridges are everywhere in thin solids
+        excess = (away - exact)[converged]
+        assert excess.max(initial=0) <= (1 + FAR_ERROR) * grid.spacing and (excess > grid.spacing).sum() <= 9
+        assert (converged | ~deep).mean() > 0.9
+        assert (grid.distance(found.points).abs() <= 1e-4)[found.converged].all()
+
+
+@pytest.mark.parametrize("name", ["living_room", "office_large"])
+def test_in_scans_nearly_all_points_find_their_nearest(shared: Path, name: str) -> None:
+    mesh = load_mesh(shared / "data" / "meshes" / f"{name}.ply")
+    grid, surface = bake(mesh, cache=None).grid, Surface.of(mesh)
+    points = np.random.default_rng(1).uniform(mesh.bounds[0], mesh.bounds[1], (20_000, 3))
+    points = points[grid.distance(torch.from_numpy(points)).numpy() > 0.02][:4000]
+    found = closest_point(grid, torch.from_numpy(points))
+    excess = np.linalg.norm(found.points.numpy() - points, axis=1) - surface.unsigned_distance(points)
+    assert found.converged.double().mean() > 0.99
+    assert excess[found.converged.numpy()].max() < grid.spacing
+
+
+def test_the_nearest_of_several_fields_and_of_what_moves() -> None:
+    way = Trajectory((0.0, 2.0), ((0.8, 0.0, 0.0), (0.8, 0.4, 0.0)), headings=(0.0, 1.0))
+    thing = MovingObject(Box((0.0, 0.0, 0.0), (0.3, 0.5, 0.2)).mesh(), way, resolution=48, cache=None)
+    solid = Box((-0.6, 0.0, 0.2), (0.4, 0.6, 0.5), 0.4)
+    scene = Scene([solid.mesh()], [BALL], -0.7, objects=[thing], resolution=64, cache=None)
+    points, time = spread(400, 2.0), torch.rand(400, dtype=torch.float64) * 2
+    found = closest_point(scene, points, time)
+    exact = scene.distance_exact(points.numpy(), time.numpy())
+    excess = (found.points - points).norm(dim=-1).numpy() - np.abs(exact)
+    assert excess[found.converged.numpy()].max() < 0.02
+    assert found.converged.double().mean() > 0.97
+    again = closest_point(scene, points.reshape(4, 100, 3), time.reshape(4, 100))
+    torch.testing.assert_close(again.points.reshape(-1, 3), found.points, atol=0, rtol=0)
+    outward = found.points + 0.02 * found.normals
+    clear = found.converged & (scene.distance(outward, time) > 0)
+    assert clear.double().sum() > 0.9 * found.converged.double().sum()
+
+
+def test_within_two_solids_at_once_nothing_false_converges() -> None:
+    a, b = Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), Box((0.4, 0.0, 0.0), (1.0, 0.9, 0.9))
+    scene, whole = Scene([], [a, b], -5.0), Surface.of(csg("union", a, b))
+    points = spread(500, 0.8)
+    found = closest_point(scene, points)
+    away, exact = (found.points - points).norm(dim=-1).numpy(), whole.unsigned_distance(points.numpy())
+    wrong = np.abs(away - exact) > 1e-3
+    assert wrong.any() and not found.converged.numpy()[wrong].any()
+    assert found.converged[scene.distance(points) > 0].all()
 
 
 def test_moving_grids_are_as_steep_as_their_own() -> None:
@@ -131,13 +219,18 @@ def test_swept_clearance_keeps_its_tolerance(field: DistanceField, tolerance: fl
     )
 
 
-@pytest.mark.parametrize("beyond", [1.0, -1.0])
-def test_the_least_of_a_rough_grid_is_never_missed(beyond: float) -> None:
+@pytest.mark.parametrize(("beyond", "free"), [(1.0, False), (-1.0, False), (1.0, True)])
+def test_the_least_of_a_rough_grid_is_never_missed(beyond: float, free: bool) -> None:
     """Noise whose strength differs from place to place: what is known of one block says nothing of the next but one."""
     noise = torch.Generator().manual_seed(2)
     strength = torch.rand(6, 6, 6, generator=noise).pow(4).repeat_interleave(4, 0).repeat_interleave(4, 1)
     values = torch.randn(24, 24, 24, generator=noise) * strength.repeat_interleave(4, 2)
-    grid = SdfGrid(values, torch.full((3,), -1.0), 2 / 23, beyond)
+    margin = 0.0
+    for side in (values[0], values[-1], values[:, 0], values[:, -1], values[..., 0], values[..., -1]) if free else ():
+        side.abs_().add_(0.5)
+        margin = 0.4
+    grid = SdfGrid(values, torch.full((3,), -1.0), 2 / 23, beyond, margin)
+    assert (grid.outer_margin > 0.2) == (free and beyond > 0)
     ends = tuple(spread(60, 1.3, seed=s) for s in range(4))
     ends = (ends[0], ends[0] + 0.5 * ends[1], ends[0] + 0.3 * ends[2], ends[0] + 0.3 * ends[3])
     found = swept_clearance(grid, *ends, radius=0.0, tolerance=0.01)

@@ -132,7 +132,7 @@ def test_standing_still_is_a_static_scene() -> None:
     p, t = around(posed), moments(400)
     exact = moving.distance_exact(p.numpy(), t.numpy())
     assert np.abs(exact - static.distance_exact(p.numpy())).max() < 1e-12
-    near = np.abs(exact) < 0.1  # beyond the static scene's padding its grid holds an upper bound only
+    near = np.abs(exact) < 0.1  # beyond the static scene's padding its grid holds a bound only
     gap = (moving.distance(p, t) - static.distance(p)).abs().numpy()
     assert near.sum() > 50 and gap[near].max() < 0.02
     origin = Trajectory((0.0, 1.0), ((0, 0, 0),) * 2)
@@ -159,10 +159,11 @@ def test_the_exact_distance_asks_each_point_at_its_own_time() -> None:
     assert np.allclose(thing.distance_exact(p), thing.distance_exact(p, 0.0))
 
 
-def test_what_is_beyond_the_grid_is_an_upper_bound() -> None:
+def test_what_is_beyond_the_grid_is_a_bound_from_below_and_more_than_the_padding() -> None:
     thing, p = ell(), 4 * points() - 2
-    gap = thing.distance(p, moments()).numpy() - thing.distance_exact(p.numpy(), moments().numpy())
-    assert gap.min() > -0.02  # an interpolant may be half a voxel short, and no more
+    found, exact = thing.distance(p, moments()).numpy(), thing.distance_exact(p.numpy(), moments().numpy())
+    assert (found - exact).max() < 1e-3 and (exact > 2 * PADDING).sum() > 100
+    assert found[exact > 2 * PADDING].min() > PADDING
 
 
 def test_batches_broadcast_over_time_and_equal_loops() -> None:
