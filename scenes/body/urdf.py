@@ -36,9 +36,9 @@ def read_urdf(path: str | Path) -> Rig:
     """Read a robot from a URDF file, in metres, all joints at 0.
 
     A link's triangles are its collision shapes, or its visual ones where it has none; links without shapes have no
-    part. Visual shapes that reach beyond the collision shapes of their link are doubts of the rig. Links keep the frames of the file; the world is turned from z up to y up, the robot facing +z. Mesh files are
-    looked for beside the file: ``package://name/a/b.stl`` as ``name/a/b.stl`` or ``a/b.stl`` in its folder and those
-    above.
+    part. Visual shapes that reach beyond the collision shapes of their link are doubts of the rig. Links keep the
+    frames of the file; the world is turned from z up to y up, the robot facing +z. Mesh files are looked for beside the
+    file: ``package://name/a/b.stl`` as ``name/a/b.stl`` or ``a/b.stl`` in its folder and those above.
 
     Raises:
         UserError: no such file; not a URDF; a DOCTYPE (no URDF needs one, and it can make a small file huge); joints
@@ -133,8 +133,8 @@ def _uncovered(link: Element, folder: Path) -> str:
     reach, at = max((reaches[index] for index in out), key=lambda found: found[0])
     return (
         f"{len(out)} of {len(seen)} visual shapes of {where} ({', '.join(names)}) reach up to {reach:.2f} m beyond its "
-        f"collision shapes, farthest at ({', '.join(f'{x:.2f}' for x in at)}) m in the link's frame; capsules leave that "
-        "out, so add collision shapes there if it can be touched"
+        f"collision shapes, farthest at ({', '.join(f'{x:.2f}' for x in at)}) m in the link's frame; capsules leave "
+        "that out, so add collision shapes there if it can be touched"
     )
 
 

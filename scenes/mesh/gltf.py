@@ -11,7 +11,7 @@ import json
 import re
 import struct
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import unquote
@@ -35,7 +35,7 @@ _NO_GEOMETRY = re.compile(
     r"[A-Z]+_(materials|texture|lights|animation|audio|xmp|techniques|primitive_outline|structural_metadata|"
     r"mesh_features|instance_features|springBone)(_|$)"
 )
-"""Extensions that may be required and still say nothing on where triangles are: how they look, light, move and sound."""
+"""Extensions that may be required and say nothing on where triangles are: how they look, light, move and sound."""
 
 
 def read_gltf(path: Path) -> Content:
@@ -94,15 +94,18 @@ class Gltf:
                 names.append(str(facts.get("name") or f"node {node}"))
                 meshes.append(joined(copies))
                 skinned += names[-1:] if "skin" in facts else []
-        doubts = (
-            (
-                f"'{self.path.name}' binds {len(skinned)} meshes such as '{skinned[0]}' to a skeleton, and they are read as "
-                "modelled, not as posed; apply the pose before export where they differ",
-            )
-            if skinned
-            else ()
+        return Content(
+            [Piece(name, *mesh) for name, mesh in zip(distinct(names), meshes, strict=True)], self._posed(skinned)
         )
-        return Content([Piece(name, *mesh) for name, mesh in zip(distinct(names), meshes, strict=True)], doubts)
+
+    def _posed(self, nodes: list[str]) -> tuple[str, ...]:
+        """A doubt on meshes that a skeleton may bend."""
+        if not nodes:
+            return ()
+        return (
+            f"'{self.path.name}' binds {len(nodes)} meshes such as '{nodes[0]}' to a skeleton, and they are read as "
+            "modelled, not as posed; apply the pose before export where it matters",
+        )
 
     # ---- the tree of nodes (section 3.5) ----------------------------------------------------------------------------
 
@@ -239,7 +242,11 @@ class Gltf:
     def accessor(self, index: int) -> np.ndarray:
         """Rows ``[n, width]`` of an accessor; whole numbers that stand for shares come as shares."""
         facts = self._accessor_facts(index)
-        shape, kind, what = (facts["count"], _WIDTHS[facts["type"]]), _TYPES[facts["componentType"]], f"accessor {index}"
+        shape, kind, what = (
+            (facts["count"], _WIDTHS[facts["type"]]),
+            _TYPES[facts["componentType"]],
+            f"accessor {index}",
+        )
         if "bufferView" not in facts and "sparse" not in facts:
             raise UserError(f"has no data for {what}; export it again, without compression")
         if "bufferView" in facts:
@@ -278,8 +285,8 @@ class Gltf:
         for name in _MESHOPT:
             packed = facts.get("extensions", {}).get(name)
             if packed is not None and not self._has_data(facts["buffer"]):
-                data = self._once("view", index, lambda n=name, p=packed: _unpacked(n, self._slice(p, index), p))  # type: ignore[misc]
-                return data, packed["byteStride"]
+                make = partial(_unpacked, name, self._slice(packed, index), packed)
+                return self._once("view", index, make), packed["byteStride"]
         return self._slice(facts, index), facts.get("byteStride", 0)
 
     def _slice(self, facts: dict[str, Any], index: int) -> bytes:
@@ -315,7 +322,8 @@ class Gltf:
         found = next((file for file in beside if "://" not in uri and file.is_file()), None)
         if found is None:
             raise UserError(
-                f"names the buffer '{unquote(uri)}', which is not in '{self.path.parent}'; copy it there, or export a GLB"
+                f"names the buffer '{unquote(uri)}', which is not in '{self.path.parent}'; "
+                "copy it there, or export a GLB"
             )
         return found.read_bytes()
 

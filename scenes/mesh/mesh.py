@@ -13,7 +13,7 @@ import numpy as np
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.pieces import Content, distinct, joined
 from scenes.mesh.reading import FORMATS, read_content
-from scenes.mesh.scale import UNITS, check_extent, doubts
+from scenes.mesh.scale import TO_Y_UP, UNITS, check_extent, doubts, in_metres
 
 _UNIT_WORDS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
@@ -21,13 +21,6 @@ _UNIT_WORDS = {
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
     **dict.fromkeys(("in", "inch", "inches"), "in"),
     **dict.fromkeys(("ft", "foot", "feet"), "ft"),
-}
-
-# Proper rotations that take the named axis to +y; rows act on column vectors (x, y, z).
-_TO_Y_UP = {
-    "x": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-    "y": np.eye(3),
-    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
 }
 
 
@@ -111,7 +104,7 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
     """
     path = Path(path)
     content, said = _read(path, unit, up)
-    mesh = _in_metres(path.stem, path, joined([(piece.vertices, piece.faces) for piece in content.pieces]), *said)
+    mesh = _mesh(path.stem, path, joined([(piece.vertices, piece.faces) for piece in content.pieces]), *said)
     check_extent(f"mesh file '{path}'", mesh.unit, mesh.bounds)
     return replace(mesh, doubts=(*content.doubts, *doubts(f"'{path.name}'", mesh.triangles, *said)))
 
@@ -130,7 +123,7 @@ def load_parts(path: str | Path, unit: str | None = None, up: str | None = None)
     content, said = _read(path, unit, up)
     names = distinct(piece.name for piece in content.pieces)
     parts = [
-        _in_metres(name, path, (piece.vertices, piece.faces), *said)
+        _mesh(name, path, (piece.vertices, piece.faces), *said)
         for name, piece in zip(names, content.pieces, strict=True)
     ]
     check_extent(f"mesh file '{path}'", parts[0].unit, hull([part.bounds for part in parts]))
@@ -151,18 +144,16 @@ def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[
     ending = path.suffix.lower().removeprefix(".")
     if ending not in FORMATS:
         raise UserError(f"mesh file '{path}' has the unknown format '{ending}'{did_you_mean(ending, FORMATS)}")
-    for what, word, known in (("unit", unit, UNITS), ("up axis", up, _TO_Y_UP)):
+    for what, word, known in (("unit", unit, UNITS), ("up axis", up, TO_Y_UP)):
         if word is not None and word not in known:
             raise UserError(f"unknown {what} '{word}'{did_you_mean(word, known)}")
     comments = {} if ending in ("glb", "gltf", "stl") else _stated_in_comments(path)
     return read_content(path, f"mesh file '{path}'"), (unit or comments.get("unit"), up or comments.get("up"))
 
 
-def _in_metres(
-    name: str, path: Path, shape: tuple[np.ndarray, np.ndarray], unit: str | None, up: str | None
-) -> Mesh:
+def _mesh(name: str, path: Path, shape: tuple[np.ndarray, np.ndarray], unit: str | None, up: str | None) -> Mesh:
     unit, up = unit or "m", up or "y"
-    return Mesh(shape[0] * UNITS[unit] @ _TO_Y_UP[up].T, shape[1], name, str(path), unit, up)
+    return Mesh(in_metres(shape[0], unit, up), shape[1], name, str(path), unit, up)
 
 
 def _stated_in_comments(path: Path) -> dict[str, str]:

@@ -50,7 +50,9 @@ def read_obj(path: Path) -> Content:
     counts = np.array(list(map(len, polygons)), dtype=np.int64)
     corners += np.where(corners < 0, np.repeat(np.array(above, dtype=np.int64), counts), -1)
     if len(corners) and (corners.min() < 0 or corners.max() >= len(vertices)):
-        raise UserError(f"has faces that name vertices beyond its {len(vertices)}: it is cut off or damaged; export it again")
+        raise UserError(
+            f"has faces that name vertices beyond its {len(vertices)}: it is cut off or damaged; export it again"
+        )
     doubts = () if bare or not len(corners) else _missing_end(path, len(vertices), int(corners.max()) + 1)
     return Content(_pieces(vertices, corners, counts, begins, names), doubts)
 

@@ -11,18 +11,31 @@ from scenes.errors import UserError
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Metres in each unit that a file may be in."""
 
+TO_Y_UP = {
+    "x": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "y": np.eye(3),
+    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+}
+"""Proper rotations that take the named axis to +y; rows act on column vectors (x, y, z)."""
+
 SMALLEST, LARGEST = 0.05, 2000.0
 """Plausible extents of a scene (m), along its longest side: 5 cm to 2 km."""
 
 _WORDS = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
 _VAST = 40.0
-"""Metres; nothing indoors is this large along all three axes, and a room in inches is twice that, in centimetres thrice."""
+"""Metres; nothing indoors is so large along all three axes; rooms in inches or centimetres are at least twice that."""
 _NARROWEST, _LONGEST = 1.2, 60.0
 """Metres across what a scene in another unit would be: the width of a corridor, the length of a hall."""
 _STOREY = (2.1, 3.5)
 """Metres between floor and ceiling: 7 feet, the least of a habitable room (International Residential Code, R305), to
 the height of old town houses."""
 _LEVEL = math.cos(math.radians(8.0))
+
+
+def in_metres(points: np.ndarray, unit: str, up: str) -> np.ndarray:
+    """Points ``[n, 3]`` of a file in metres, y up; `unit` is a key of `UNITS`, `up` of `TO_Y_UP`."""
+    moved: np.ndarray = points * UNITS[unit] @ TO_Y_UP[up].T
+    return moved
 
 
 def check_extent(file: str, unit: str, bounds: np.ndarray) -> None:
@@ -58,7 +71,8 @@ def doubts(file: str, triangles: np.ndarray, unit: str | None, up: str | None) -
     guesses = [_WORDS[word] if key == "unit" else f"{word} up" for key, word in likely.items()]
     state = ", ".join(f'{key} = "{word}"' for key, word in likely.items())
     keep = ", ".join(f'{key} = "{"m" if key == "unit" else "y"}"' for key in likely)
-    return (f"{file} is {size} m along x, y and z as read: {', '.join(guesses)}? state {state}, or {keep} if that is so",)
+    read = f"{file} is {size} m along x, y and z as read"
+    return (f"{read}: {', '.join(guesses)}? state {state}, or {keep} if that is so",)
 
 
 def _unit(extents: np.ndarray) -> dict[str, str]:

@@ -14,7 +14,7 @@ import trimesh
 from scenes.mesh.primitives import Capsule
 from scenes.motion.skeleton import HUMANML3D
 
-KINDS = {"<f4": 5126, "<u1": 5121, "<u2": 5123, "<u4": 5125}
+KINDS = {"<f4": 5126, "<i1": 5120, "<u1": 5121, "<i2": 5122, "<u2": 5123, "<u4": 5125}
 WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 

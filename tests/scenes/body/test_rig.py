@@ -122,7 +122,7 @@ def sparse(file: Gltf) -> None:
 def compressed(file: Gltf) -> None:
     attributes = file.facts["meshes"][0]["primitives"][0]["attributes"]
     del file.facts["accessors"][attributes["POSITION"]]["bufferView"]
-    packed = {"bufferView": 0, "attributes": {name: 0 for name in attributes}}
+    packed = {"bufferView": 0, "attributes": dict.fromkeys(attributes, 0)}
     file.facts["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": packed}
     file.facts["extensionsRequired"] = ["KHR_draco_mesh_compression"]
 
