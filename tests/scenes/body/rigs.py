@@ -58,7 +58,7 @@ class Gltf:
         return len(self.facts["meshes"]) - 1
 
     def bytes(self) -> bytes:
-        facts = {**self.facts, "buffers": [{"byteLength": len(self.binary)}]}
+        facts = {"buffers": [{"byteLength": len(self.binary)}], **self.facts}
         text = json.dumps(facts).encode()
         text += b" " * (-len(text) % 4)
         chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
