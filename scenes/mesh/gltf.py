@@ -73,7 +73,7 @@ class Gltf:
         try:
             facts = json.loads(text)
         except (ValueError, RecursionError) as error:
-            if text.lstrip()[:1] == b"{" and text.rstrip()[-1:] != b"}":
+            if isinstance(error, json.JSONDecodeError) and _ends_early(error):
                 raise UserError("is cut off within its JSON; export or copy it again") from error
             raise UserError("is neither GLB nor glTF (its JSON cannot be read); export it as glTF 2.0") from error
         if not isinstance(facts, dict) or not str(facts.get("asset", {}).get("version", "")).startswith("2."):
@@ -379,6 +379,12 @@ def _chunks(data: bytes) -> tuple[bytes, bytes | None]:
     if 8 + size > len(rest):
         raise UserError("is cut off within its binary chunk; export or copy it again")
     return text, rest[8 : 8 + size] if kind == 0x004E4942 else None
+
+
+def _ends_early(error: json.JSONDecodeError) -> bool:
+    """JSON is right up to its end, or to the word or string that its end breaks off."""
+    text = error.doc.rstrip()
+    return text.lstrip()[:1] == "{" and (error.pos > len(text) - len("false") or "Unterminated" in error.msg)
 
 
 def numbered(value: Any, among: Any, what: str) -> int:

@@ -13,6 +13,7 @@ from scenes.mesh.pieces import Content, Piece, text_of
 from scenes.mesh.polygons import triangulated
 
 _WORD = re.compile(rb"\s*(ST)?C?N?OFF\b", re.IGNORECASE)
+_BINARY = re.compile(_WORD.pattern + rb"\s+BINARY", re.IGNORECASE)
 
 
 def read_off(path: Path) -> Content:
@@ -21,11 +22,11 @@ def read_off(path: Path) -> Content:
     Raises:
         UserError: not OFF, binary, or cut off.
     """
+    if _BINARY.match(path.read_bytes()[:80]):
+        raise UserError("is binary OFF, which is not read; export it as text")
     text = re.sub(rb"#[^\r\n]*", b"", text_of(path))
     word = _WORD.match(text)
     lines = [line.split() for line in (text[word.end() :] if word else text).splitlines() if line.strip()]
-    if lines and lines[0][0].upper() == b"BINARY":
-        raise UserError("is binary OFF, which is not read; export it as text")
     if word is None and not (lines and lines[0][0].isdigit()):
         raise UserError("is not OFF and cannot be read; export it again")
     if not lines or len(lines[0]) < 2:

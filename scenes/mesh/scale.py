@@ -26,9 +26,9 @@ _VAST = 40.0
 """Metres; nothing indoors is so large along all three axes; rooms in inches or centimetres are at least twice that."""
 _NARROWEST, _LONGEST = 1.2, 60.0
 """Metres across what a scene in another unit would be: the width of a corridor, the length of a hall."""
-_STOREY = (2.1, 3.5)
-"""Metres between floor and ceiling: 7 feet, the least of a habitable room (International Residential Code, R305), to
-the height of old town houses."""
+_STOREY = (2.1, 2.9)
+"""Metres between floor and ceiling as a rule: 7 feet, the least of a habitable room (International Residential Code,
+R305), to 9.5 feet. Higher rooms are not doubted but where they are that wide, and larger seen from a side."""
 _LEVEL = math.cos(math.radians(8.0))
 
 
@@ -104,9 +104,10 @@ def _axis(metres: np.ndarray, triangles: np.ndarray) -> dict[str, str]:
     across = np.array([extents[1] * extents[2], extents[2] * extents[0], extents[0] * extents[1]])
     # seen along an axis, a floor without a ceiling covers the scene once, and what is closed as often as not at all
     net = np.abs(areas.sum(axis=0)) / np.maximum(across, 1e-12)
+    if metres.min() < _NARROWEST:  # a thing, or a wall on its own
+        return {}
     for axis, word in ((2, "z"), (0, "x")):
-        wide = np.delete(metres, axis).min() >= _NARROWEST
         storey = _STOREY[0] <= metres[axis] <= _STOREY[1] and not _STOREY[0] <= metres[1] <= _STOREY[1]
-        if wide and ((storey and level[axis] > 1.2 * level[1]) or (net[axis] > 0.8 and net[1] < 0.2)):
+        if (storey and level[axis] > level[1]) or (net[axis] > 0.8 and net[1] < 0.2):
             return {"up": word}
     return {}
