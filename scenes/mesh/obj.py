@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -23,38 +22,37 @@ def read_obj(path: Path) -> Content:
         UserError: a line that cannot be read, an index that names no vertex.
     """
     lines = text_of(path).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
-    points: list[list[bytes]] = []
-    polygons: list[list[bytes]] = []
-    above: list[int] = []
+    points, corners = list[bytes](), list[bytes]()
+    counts, above = list[int](), list[int]()
     begins, names, bare = [0], [path.name], 0
     for line in lines:
         words = (line if b"#" not in line else line[: line.index(b"#")]).split()
         match words[0] if words else b"":
             case b"v":
-                points.append(words[1:4])
+                points += words[1:4] if len(words) > 3 else [b"too few"]
             case b"f":
-                polygons.append(words[1:])
-                above.append(len(points))
+                corners += words[1:]
+                counts.append(len(words) - 1)
+                above.append(len(points) // 3)
             case b"o":
-                begins.append(len(polygons))
+                begins.append(len(counts))
                 names.append(b" ".join(words[1:]).decode("utf-8", "replace") or path.name)
             case b"l" | b"p" | b"curv" | b"curv2" | b"surf":
                 bare += 1
-    if min(map(len, points), default=3) < 3 or min(map(len, polygons), default=3) < 3:
-        raise _unread(lines)
     try:
-        vertices = np.array(list(map(float, chain.from_iterable(points)))).reshape(-1, 3)
-        corners = np.array([int(word.partition(b"/")[0]) for word in chain.from_iterable(polygons)], dtype=np.int64)
+        vertices = np.array(list(map(float, points))).reshape(-1, 3)
+        indices = np.array([int(word.partition(b"/")[0]) for word in corners], dtype=np.int64)
     except ValueError:
         raise _unread(lines) from None
-    counts = np.array(list(map(len, polygons)), dtype=np.int64)
-    corners += np.where(corners < 0, np.repeat(np.array(above, dtype=np.int64), counts), -1)
-    if len(corners) and (corners.min() < 0 or corners.max() >= len(vertices)):
+    if min(counts, default=3) < 3:
+        raise _unread(lines)
+    indices += np.where(indices < 0, np.repeat(np.array(above, dtype=np.int64), counts), -1)
+    if len(indices) and (indices.min() < 0 or indices.max() >= len(vertices)):
         raise UserError(
             f"has faces that name vertices beyond its {len(vertices)}: it is cut off or damaged; export it again"
         )
-    doubts = () if bare or not len(corners) else _missing_end(path, len(vertices), int(corners.max()) + 1)
-    return Content(_pieces(vertices, corners, counts, begins, names), doubts)
+    doubts = () if bare or not len(indices) else _missing_end(path, len(vertices), int(indices.max()) + 1)
+    return Content(_pieces(vertices, indices, np.array(counts, dtype=np.int64), begins, names), doubts)
 
 
 def _pieces(

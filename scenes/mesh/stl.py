@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -47,4 +48,4 @@ def _text(data: bytes) -> np.ndarray:
     words = _CORNER.findall(data)
     if not ended or len(words) % 3:
         raise UserError("is cut off: it does not end with 'endsolid'; export or copy it again")
-    return np.array([[float(word) for word in row] for row in words]).reshape(-1, 3)
+    return np.array(list(map(float, chain.from_iterable(words)))).reshape(-1, 3)

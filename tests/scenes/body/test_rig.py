@@ -375,7 +375,7 @@ def test_collada_meshes_are_read_with_their_unit_and_their_polygons_cut_properly
         assert normals.sum(axis=0)[0] == pytest.approx(up * 5 * scale**2, rel=1e-5)  # turned about y by the file
         assert triangles[..., 0] == pytest.approx(0.1 + 2 * scale, rel=1e-5)
     for length in range(0, len(dae()), 60):
-        with pytest.raises(UserError, match="cut off|is empty"):
+        with pytest.raises(UserError, match=r"cut off|is empty"):
             forearm(dae(end=length))
     with pytest.raises(UserError, match="DOCTYPE"):
         forearm(dae().replace("<COLLADA", '<!DOCTYPE r [<!ENTITY a "b">]><COLLADA'))

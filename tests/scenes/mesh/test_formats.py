@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
 from scenes.mesh.mesh import load_mesh
@@ -29,14 +28,19 @@ def obj(vertices: np.ndarray, rings: list[list[int]]) -> bytes:
 
 
 def off(vertices: np.ndarray, rings: list[list[int]]) -> bytes:
-    lines = ["OFF # a comment", f"{len(vertices)} {len(rings)} 0", *(" ".join(map(repr, map(float, v))) for v in vertices)]
+    lines = [
+        "OFF # a comment",
+        f"{len(vertices)} {len(rings)} 0",
+        *(" ".join(map(repr, map(float, v))) for v in vertices),
+    ]
     return "\n".join(lines + [f"{len(ring)} " + " ".join(map(str, ring)) for ring in rings]).encode() + b"\n"
 
 
 def header(form: str, vertices: np.ndarray, rings: list[list[int]], kind: str = "double") -> bytes:
     return (
-        f"ply\nformat {form} 1.0\ncomment by hand\nelement vertex {len(vertices)}\nproperty {kind} x\nproperty {kind} y\n"
-        f"property {kind} z\nproperty uchar red\nelement face {len(rings)}\nproperty list uchar int vertex_indices\n"
+        f"ply\nformat {form} 1.0\ncomment by hand\nelement vertex {len(vertices)}\nproperty {kind} x\n"
+        f"property {kind} y\nproperty {kind} z\nproperty uchar red\n"
+        f"element face {len(rings)}\nproperty list uchar int vertex_indices\n"
         "property float quality\nproperty list uchar float texcoord\nend_header\n"
     ).encode()
 
@@ -88,7 +92,7 @@ def test_polygons_of_any_sizes_come_back_to_the_last_bit(
 ) -> None:
     ending, write = WRITERS[name]
     rng = np.random.default_rng(seed)
-    vertices = rng.uniform(-10, 10, (12, 3)) + [4_500_000.0, 0.0, 500_000.0]
+    vertices = rng.uniform(-10, 10, (12, 3)) + np.array([4_500_000.0, 0.0, 500_000.0])
     rings = [rng.choice(12, rng.choice([3, 3, 4, 7]), replace=False).tolist() for _ in range(rng.integers(1, 9))]
     path = tmp_path_factory.mktemp("a") / f"a.{ending}"
     path.write_bytes(write(vertices, rings))
@@ -102,7 +106,9 @@ def test_polygons_of_any_sizes_come_back_to_the_last_bit(
 @pytest.mark.parametrize("word", ["COFF", "NOFF", "STOFF", "CNOFF", "coff"])
 def test_off_rows_may_carry_more(tmp_path: Path, word: str) -> None:
     data = off(VERTICES, RINGS).decode().replace("OFF # a comment", word)
-    more = "\n".join(line + " 0.1 0.2 0.3" if line.count(" ") >= 2 and "." in line else line for line in data.split("\n"))
+    more = "\n".join(
+        line + " 0.1 0.2 0.3" if line.count(" ") >= 2 and "." in line else line for line in data.split("\n")
+    )
     assert area(read(tmp_path, "off", more.encode())) == pytest.approx(AREA)
     assert area(read(tmp_path, "off", ("\ufeff" + data.replace("\n", "\r\n")).encode())) == pytest.approx(AREA)
     assert area(read(tmp_path, "off", data.replace(f"{word}\n", f"{word} ").encode())) == pytest.approx(AREA)
@@ -183,7 +189,9 @@ def test_a_file_that_ends_too_early_is_called_that(tmp_path: Path, kind: str) ->
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-@pytest.mark.parametrize("noise", [b"", b"\0", b"\xff" * 200, b"plain words, nothing else\n" * 9, b"<html></html>", b"{}"])
+@pytest.mark.parametrize(
+    "noise", [b"", b"\0", b"\xff" * 200, b"plain words, nothing else\n" * 9, b"<html></html>", b"{}"]
+)
 def test_foreign_files_are_one_sentence(tmp_path: Path, ending: str, noise: bytes) -> None:
     (tmp_path / f"a.{ending}").write_bytes(noise)
     with pytest.raises(UserError) as told:

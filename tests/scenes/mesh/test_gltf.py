@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
 from scenes.mesh.gltf import Gltf as Reader
@@ -73,8 +72,8 @@ def stored(
 
 @settings(max_examples=80, deadline=None)
 @given(
-    st.sampled_from([*WHOLE, "<f4"]), st.booleans(), st.integers(0, 3), st.integers(0, 3), st.sampled_from([1, 3, 4, 16]),
-    st.sampled_from([None, "<u1", "<u2", "<u4"]), st.booleans(), st.integers(0, 10**6),
+    st.sampled_from([*WHOLE, "<f4"]), st.booleans(), st.integers(0, 3), st.integers(0, 3),
+    st.sampled_from([1, 3, 4, 16]), st.sampled_from([None, "<u1", "<u2", "<u4"]), st.booleans(), st.integers(0, 10**6),
 )  # fmt: skip
 def test_accessors_come_back_as_they_were_written(
     tmp_path_factory: pytest.TempPathFactory, kind: str, normalized: bool, gap: int, skip: int, width: int,
@@ -85,7 +84,9 @@ def test_accessors_come_back_as_they_were_written(
     low, high = (np.iinfo(kind).min, np.iinfo(kind).max) if whole else (-1e3, 1e3)
 
     def numbers(rows: int) -> np.ndarray:
-        drawn = rng.integers(low, high, (rows, width), endpoint=True) if whole else rng.uniform(low, high, (rows, width))
+        drawn = (
+            rng.integers(low, high, (rows, width), endpoint=True) if whole else rng.uniform(low, high, (rows, width))
+        )
         return drawn.astype(kind)
 
     rows, changes = numbers(count), None
@@ -130,7 +131,12 @@ def test_instances_stand_where_their_attributes_say(tmp_path: Path, kind: str) -
     stated = turns if kind == "<f4" else np.round(turns * np.iinfo(kind).max)
     rotation = stored(file, stated, kind)
     file.facts["accessors"][rotation]["normalized"] = kind != "<f4"
-    attributes = {"TRANSLATION": file.add(moves), "ROTATION": rotation, "SCALE": file.add(sizes), "_ID": file.add(moves)}
+    attributes = {
+        "TRANSLATION": file.add(moves),
+        "ROTATION": rotation,
+        "SCALE": file.add(sizes),
+        "_ID": file.add(moves),
+    }
     file.facts["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
     file.facts["extensionsRequired"] = ["EXT_mesh_gpu_instancing"]
     parts = load_parts(file.save(tmp_path / "a.glb"))
@@ -157,7 +163,9 @@ def test_mirrored_nodes_keep_their_fronts_outside(tmp_path: Path) -> None:
     assert [round(volume(part), 5) for part in parts.values()] == [8.0, 8.0, 8.0]
 
 
-@pytest.mark.parametrize(("mode", "corners"), [(5, [0, 1, 2, 3, 4, 5]), (6, [2, 4, 5, 3, 1, 0]), (4, None), (None, None)])
+@pytest.mark.parametrize(
+    ("mode", "corners"), [(5, [0, 1, 2, 3, 4, 5]), (6, [2, 4, 5, 3, 1, 0]), (4, None), (None, None)]
+)
 @pytest.mark.parametrize("indexed", [True, False])
 def test_strips_fans_and_triangles_with_and_without_indices(
     tmp_path: Path, mode: int | None, corners: list[int] | None, indexed: bool
@@ -180,7 +188,9 @@ def test_strips_fans_and_triangles_with_and_without_indices(
 
 
 def test_only_the_default_scene_is_read_and_a_mesh_may_stand_under_several_nodes(tmp_path: Path) -> None:
-    file = boxes({"name": "a"}, {"name": "a", "translation": [5.0, 0, 0]}, {"name": "lost", "translation": [99.0, 0, 0]})
+    file = boxes(
+        {"name": "a"}, {"name": "a", "translation": [5.0, 0, 0]}, {"name": "lost", "translation": [99.0, 0, 0]}
+    )
     file.facts["nodes"].append({"children": [1], "translation": [0.0, 3.0, 0.0]})
     file.facts["scenes"] = [{"nodes": [2]}, {"nodes": [0, 3]}]
     file.facts["scene"] = 1

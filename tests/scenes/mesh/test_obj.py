@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
 from scenes.mesh.mesh import load_mesh, load_parts
@@ -80,7 +79,10 @@ def test_coordinates_far_away_keep_their_digits(tmp_path: Path) -> None:
 
 
 def test_objects_are_parts_and_names_given_twice_are_numbered(tmp_path: Path) -> None:
-    blocks = [text(), *(f"o {name}\n" + text().replace("v 2", f"v {x}") for name, x in (("a b", 3), ("c", 4), ("c", 5)))]
+    blocks = [
+        text(),
+        *(f"o {name}\n" + text().replace("v 2", f"v {x}") for name, x in (("a b", 3), ("c", 4), ("c", 5))),
+    ]
     for number, block in enumerate(blocks):  # every block names vertices of its own
         blocks[number] = "\n".join(
             "f " + " ".join(str(int(word) + 8 * number) for word in line[2:].split()) if line[:1] == "f" else line

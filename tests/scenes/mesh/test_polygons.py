@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.mesh.polygons import triangulated
 
@@ -111,7 +110,8 @@ def test_a_concave_quadrangle_is_cut_along_its_other_diagonal() -> None:
 
 def test_far_from_the_origin_and_among_others() -> None:
     wall = np.array([[0, 0], [2.4, 0], [2.4, 2.1], [3.6, 2.1], [3.6, 0], [6, 0], [6, 3], [0, 3.0]])
-    rings = [np.column_stack([wall, np.full(8, z)]) + [500_000.0, 0.0, 4_500_000.0] for z in range(5)]
+    offset = np.array([500_000.0, 0.0, 4_500_000.0])
+    rings = [np.column_stack([wall, np.full(8, z)]) + offset for z in range(5)]
     triangles = cut(*rings)
     assert np.linalg.norm(vectors(triangles), axis=1).sum() == pytest.approx(5 * (18 - 1.2 * 2.1), rel=1e-9)
 
