@@ -184,7 +184,7 @@ class Gltf:
 
     def shape(self, primitive: dict[str, Any], node: int) -> tuple[np.ndarray, np.ndarray]:
         """Vertices ``[V, 3]`` in the node's frame and triangles ``[F, 3]``, morphed as the file shows them first."""
-        faces = self._faces(primitive)
+        faces = self._faces(primitive) if "POSITION" in primitive["attributes"] else np.zeros((0, 3), dtype=np.int64)
         if not len(faces):
             return np.zeros((0, 3)), faces
         vertices = self.attribute(primitive, "POSITION").astype(np.float64)

@@ -106,7 +106,7 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
     content, said = _read(path, unit, up)
     mesh = _mesh(path.stem, path, joined([(piece.vertices, piece.faces) for piece in content.pieces]), *said)
     check_extent(f"mesh file '{path}'", mesh.unit, mesh.bounds)
-    return replace(mesh, doubts=(*content.doubts, *doubts(f"'{path.name}'", mesh.triangles, *said)))
+    return _doubted(mesh, content, mesh.triangles, said)
 
 
 def load_parts(path: str | Path, unit: str | None = None, up: str | None = None) -> dict[str, Mesh]:
@@ -128,7 +128,7 @@ def load_parts(path: str | Path, unit: str | None = None, up: str | None = None)
     ]
     check_extent(f"mesh file '{path}'", parts[0].unit, hull([part.bounds for part in parts]))
     everything = np.concatenate([part.triangles for part in parts])
-    parts[0] = replace(parts[0], doubts=(*content.doubts, *doubts(f"'{path.name}'", everything, *said)))
+    parts[0] = _doubted(parts[0], content, everything, said)
     return dict(zip(names, parts, strict=True))
 
 
@@ -154,6 +154,12 @@ def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[
 def _mesh(name: str, path: Path, shape: tuple[np.ndarray, np.ndarray], unit: str | None, up: str | None) -> Mesh:
     unit, up = unit or "m", up or "y"
     return Mesh(in_metres(shape[0], unit, up), shape[1], name, str(path), unit, up)
+
+
+def _doubted(mesh: Mesh, content: Content, triangles: np.ndarray, said: tuple[str | None, str | None]) -> Mesh:
+    """The mesh with what is in doubt about its file, whose triangles (m) are all of these."""
+    found = (*content.doubts, *doubts(f"'{Path(mesh.source).name}'", triangles, *said))
+    return replace(mesh, doubts=found) if found else mesh
 
 
 def _stated_in_comments(path: Path) -> dict[str, str]:

@@ -27,9 +27,10 @@ def read_stl(path: Path) -> Content:
         raise UserError("is empty; export it again")
     count = int.from_bytes(data[80:_HEADER], "little") if len(data) >= _HEADER else 0
     needed = _HEADER + count * _FACET.itemsize
-    # headers of binary files may begin with "solid" too, but only they hold zero bytes
-    text = len(data) != needed and data.lstrip()[:5].lower() == b"solid" and b"\0" not in data
-    corners = _text(data) if text else _binary(data, count, needed)
+    # headers of binary files may begin with "solid" too, but only they hold zero bytes before an end
+    last = data.lower().rfind(b"endsolid")
+    text = len(data) != needed and data.lstrip()[:5].lower() == b"solid" and b"\0" not in data[: max(last, 0) or None]
+    corners = _text(data, last) if text else _binary(data, count, needed)
     return Content([Piece(path.name, corners, np.arange(len(corners)).reshape(-1, 3))])
 
 
@@ -42,10 +43,8 @@ def _binary(data: bytes, count: int, needed: int) -> np.ndarray:
     return facets["corners"].reshape(-1, 3).astype(np.float64)
 
 
-def _text(data: bytes) -> np.ndarray:
-    data = data.replace(b"\r", b"\n")
-    ended = data.lower().rfind(b"endsolid") > data.lower().rfind(b"facet")
-    words = _CORNER.findall(data)
-    if not ended or len(words) % 3:
+def _text(data: bytes, last: int) -> np.ndarray:
+    words = _CORNER.findall(data.replace(b"\r", b"\n"))
+    if data.lower().rfind(b"facet") > last or len(words) % 3:
         raise UserError("is cut off: it does not end with 'endsolid'; export or copy it again")
     return np.array(list(map(float, chain.from_iterable(words)))).reshape(-1, 3)

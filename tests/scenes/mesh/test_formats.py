@@ -148,6 +148,7 @@ def test_bytes_after_a_binary_stl_are_passed_over(tmp_path: Path, tail: bytes, h
 def test_stl_as_text_may_have_several_solids_and_any_case(tmp_path: Path) -> None:
     text = str(trimesh.creation.box(extents=[1, 2, 3]).export(file_type="stl_ascii"))
     assert area(read(tmp_path, "stl", (text + "\n" + text).encode())) == pytest.approx(44.0)
+    assert area(read(tmp_path, "stl", text.encode() + b"\nfooter\0\xff\x1a")) == pytest.approx(22.0)
     assert area(read(tmp_path, "stl", text.upper().replace("\n", "\r\n").encode())) == pytest.approx(22.0)
 
 
