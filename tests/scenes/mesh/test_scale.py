@@ -74,6 +74,14 @@ def test_halls_yards_towers_and_things_are_not(size: tuple[float, float, float])
     assert not doubts("it", room(*size), None, None)
 
 
+def test_a_wall_on_its_own_stands_as_it_was_read() -> None:
+    for thickness in (0.0, 0.2):
+        wall = trimesh.creation.box(extents=[6, 3, thickness]).triangles
+        assert not doubts("it", wall[:2] if thickness else wall, None, None)
+    front = trimesh.creation.box(extents=[6, 3, 1])
+    assert not doubts("it", front.triangles[front.face_normals[:, 2] > 0.5], None, None)
+
+
 def test_scans_and_examples_are_not_doubted(shared: Path) -> None:
     for path in (shared / "data" / "meshes").glob("*.ply"):
         assert load_mesh(path).doubts == ()
