@@ -328,8 +328,8 @@ class Gltf:
         return found.read_bytes()
 
 
-_MOST = 1 << 28
-"""Rows that an accessor without data of its own may have: 3 GB of positions."""
+_MOST = 1 << 24
+"""Rows that an accessor without data of its own may have: 200 MB of positions."""
 _REST: dict[str, tuple[float, ...]] = {
     "TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0),
 }  # fmt: skip

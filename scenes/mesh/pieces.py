@@ -46,7 +46,8 @@ def told(file: str, kind: str) -> Iterator[None]:
         kind: name of the format.
     """
     try:
-        yield
+        with np.errstate(all="ignore"):  # what is not finite is told where meshes are made
+            yield
     except UserError as error:
         raise UserError(f"{file} {error}") from error
     except OSError as error:

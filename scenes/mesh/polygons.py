@@ -45,11 +45,10 @@ def _cut(vertices: np.ndarray, rings: np.ndarray) -> np.ndarray:
         fan[1] = [2, 3, 0]
     faces = rings[:, fan]
     a, b, c = np.moveaxis(vertices[faces], 2, 0)
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told where meshes are made
-        areas = np.cross(b - a, c - a)  # twice, as vectors; their sum is Newell's normal
-        normals = areas.sum(axis=1)
-        square = (normals**2).sum(axis=1)
-        faces_its_way = ((areas * normals[:, None]).sum(axis=2) > _FLAT * square[:, None]).all(axis=1)
+    areas = np.cross(b - a, c - a)  # twice, as vectors; their sum is Newell's normal
+    normals = areas.sum(axis=1)
+    square = (normals**2).sum(axis=1)
+    faces_its_way = ((areas * normals[:, None]).sum(axis=2) > _FLAT * square[:, None]).all(axis=1)
     for polygon in np.flatnonzero(~faces_its_way & np.isfinite(square) & (square > 0)):
         cut = _in_plane(vertices[rings[polygon]], normals[polygon])
         if len(cut) == count - 2:

@@ -34,7 +34,8 @@ _LEVEL = math.cos(math.radians(8.0))
 
 def in_metres(points: np.ndarray, unit: str, up: str) -> np.ndarray:
     """Points ``[n, 3]`` of a file in metres, y up; `unit` is a key of `UNITS`, `up` of `TO_Y_UP`."""
-    moved: np.ndarray = points * UNITS[unit] @ TO_Y_UP[up].T
+    with np.errstate(all="ignore"):  # what is not finite is told where meshes are made
+        moved: np.ndarray = points * UNITS[unit] @ TO_Y_UP[up].T
     return moved
 
 
