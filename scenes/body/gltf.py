@@ -14,8 +14,8 @@ import numpy as np
 
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError
+from scenes.mesh.content import distinct, placed, told
 from scenes.mesh.gltf import Gltf, numbered
-from scenes.mesh.pieces import distinct, placed, told
 from scenes.motion.frames import rigid, transform
 
 

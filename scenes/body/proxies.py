@@ -22,7 +22,7 @@ from scenes.body.fit import fit_body
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError
 from scenes.files import write_json
-from scenes.mesh.pieces import used
+from scenes.mesh.content import used
 from scenes.motion.skeleton import HUMANML3D
 from scenes.sdf.field import DistanceField
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
-from scenes.mesh.pieces import used
+from scenes.mesh.content import used
 from scenes.motion.frames import transform
 
 

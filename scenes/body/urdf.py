@@ -15,8 +15,8 @@ from scenes.body.capsules import sample_surface
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.collada import read_collada
+from scenes.mesh.content import joined
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.pieces import joined
 from scenes.mesh.reading import READERS, read_content
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import transform

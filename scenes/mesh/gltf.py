@@ -19,7 +19,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.mesh.pieces import Content, Piece, distinct, joined, placed
+from scenes.mesh.content import Content, Piece, distinct, joined, placed
 from scenes.motion.frames import rotations
 from scenes.motion.skeleton import tree_order
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
-from scenes.mesh.pieces import Content, distinct, joined
+from scenes.mesh.content import Content, distinct, joined
 from scenes.mesh.reading import FORMATS, read_content
 from scenes.mesh.scale import TO_Y_UP, UNITS, check_extent, doubts, in_metres
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.mesh.pieces import Content, Piece, text_of, used
+from scenes.mesh.content import Content, Piece, text_of, used
 from scenes.mesh.polygons import triangulated
 
 

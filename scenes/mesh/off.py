@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.mesh.pieces import Content, Piece, text_of
+from scenes.mesh.content import Content, Piece, text_of
 from scenes.mesh.polygons import triangulated
 
 _WORD = re.compile(rb"\s*(ST)?C?N?OFF\b", re.IGNORECASE)

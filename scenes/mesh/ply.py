@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.mesh.pieces import Content, Piece
+from scenes.mesh.content import Content, Piece
 from scenes.mesh.polygons import triangulated
 
 _TYPES = {

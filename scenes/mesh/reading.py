@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from scenes.errors import UserError
+from scenes.mesh.content import Content, told
 from scenes.mesh.gltf import read_gltf
 from scenes.mesh.obj import read_obj
 from scenes.mesh.off import read_off
-from scenes.mesh.pieces import Content, told
 from scenes.mesh.ply import read_ply
 from scenes.mesh.stl import read_stl
 

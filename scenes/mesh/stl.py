@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.mesh.pieces import Content, Piece
+from scenes.mesh.content import Content, Piece
 
 _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
