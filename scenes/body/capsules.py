@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.mesh.surface import clean
+from scenes.mesh.surface import Faults, clean
 
 SAMPLES = 2000
 """Points on a surface that stand for it where a share of it may stick out."""
@@ -307,8 +307,8 @@ def inner_volume(points: np.ndarray, faces: np.ndarray | None = None) -> tuple[f
 
 def enclosed_volume(vertices: np.ndarray, faces: np.ndarray) -> float | None:
     """Volume inside a mesh, in the unit of its vertices cubed; None where it is not closed or encloses nothing."""
-    vertices, faces, _, boundary = clean(vertices, np.ascontiguousarray(faces, dtype=np.int64))
-    if boundary or len(faces) == 0:
+    vertices, faces, slivers = clean(vertices, np.ascontiguousarray(faces, dtype=np.int64))
+    if len(faces) == 0 or len(Faults.of(np.concatenate([faces, slivers]), len(vertices)).unmatched):
         return None
     a, b, c = np.moveaxis(vertices[faces] - vertices.mean(axis=0), 1, 0)
     volume = abs(float((a * np.cross(b, c)).sum())) / 6

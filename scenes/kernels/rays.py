@@ -92,6 +92,18 @@ def signed(counts, low, high, scale, distance):
 
 
 @kernel
+def sunk(counts, low, high, distance):
+    """Turn distances negative whose winding number lies outside ``low .. high``; lines along axis 2."""
+    for x in range(counts.shape[0]):
+        for y in range(counts.shape[1]):
+            w = 0
+            for z in range(counts.shape[2]):
+                w -= counts[x, y, z]
+                if not low <= w <= high:
+                    distance[x, y, z] = -abs(distance[x, y, z])
+
+
+@kernel
 def vote(counts, low, high, votes):
     """One vote for free (1) or solid (16) on the nodes of lines along axis 0 that leave as they came in.
 

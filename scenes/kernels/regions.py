@@ -9,30 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.kernels import helper, kernel
+from scenes.kernels.sets import join, numbered, root
 
 JOINED = 8
 """Flag of a node that has been joined to a neighbour, beside the flags 1, 2, 4 of crossed edges towards -z, -y, -x."""
 
 _APART = 1.001
 _IMPOSSIBLE = 1.01
-
-
-@helper
-def _root(parent, n):
-    while parent[n] != n:
-        parent[n] = parent[parent[n]]
-        n = parent[n]
-    return n
-
-
-@helper
-def _join(parent, a, b):
-    """Unite two sets; the root is their lowest node."""
-    a, b = _root(parent, a), _root(parent, b)
-    if a < b:
-        parent[b] = a
-    elif b < a:
-        parent[a] = b
 
 
 @helper
@@ -51,19 +34,6 @@ def _neighbour(crossed, shape, n, side):
     return n + step if at < length - 1 and crossed[n + step] & flag == 0 else -1
 
 
-@helper
-def _numbered(parent):
-    """Replace each node's link by the number of its set, ascending with the root, the lowest node of the set."""
-    count = 0
-    for n in range(len(parent)):
-        if parent[n] == n:
-            parent[n] = count
-            count += 1
-        else:  # links point down: what the link points at has been numbered
-            parent[n] = parent[parent[n]]
-    return count
-
-
 @kernel
 def regions(distance, crossed, shape, parent):
     """Number the regions of constant sign, ascending with their first node, into `parent`; returns how many."""
@@ -72,7 +42,7 @@ def regions(distance, crossed, shape, parent):
         for side in range(3):
             q = _neighbour(crossed, shape, n, side)
             if q >= 0 and distance[n] + distance[q] > _APART:
-                _join(parent, n, q)
+                join(parent, n, q)
                 crossed[n] |= JOINED
                 crossed[q] |= JOINED
     for n in range(len(distance)):
@@ -83,8 +53,8 @@ def regions(distance, crossed, shape, parent):
                 if q >= 0 and distance[q] > farthest:
                     best, farthest = q, distance[q]
             if best >= 0:
-                _join(parent, n, best)
-    return _numbered(parent)
+                join(parent, n, best)
+    return numbered(parent)
 
 
 @kernel
@@ -104,7 +74,7 @@ def tally(region, votes, distance, count):
 @helper
 def _unite(parent, label, n, q):
     """Join the sets of two nodes unless their labels contradict each other."""
-    a, b = _root(parent, n), _root(parent, q)
+    a, b = root(parent, n), root(parent, q)
     if a != b and (label[a] == 0 or label[b] == 0 or label[a] == label[b]):
         low, high = min(a, b), max(a, b)
         parent[high] = low
@@ -133,7 +103,28 @@ def flood(order, distance, crossed, shape, label, parent):
                 if q >= 0 and q != widest and parent[q] >= 0 and parent[q] != parent[n]:
                     _unite(parent, label, n, q)
     for n in order:
-        parent[n] = _root(parent, n)
+        parent[n] = root(parent, n)
+
+
+@kernel
+def nearest(crossed, shape, torn, label):
+    """Give nodes of `torn` without a label that of the labelled one that the fewest edges lead to, in place."""
+    queue = np.empty(len(label), np.int32)
+    count = 0
+    for n in range(len(label)):
+        if torn[n] and label[n] != 0:
+            queue[count] = n
+            count += 1
+    at = 0
+    while at < count:
+        n = queue[at]
+        at += 1
+        for side in range(6):
+            q = _neighbour(crossed, shape, n, side)
+            if q >= 0 and torn[q] and label[q] == 0:
+                label[q] = label[n]
+                queue[count] = q
+                count += 1
 
 
 @kernel

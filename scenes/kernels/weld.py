@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from scenes.kernels import helper, kernel
+from scenes.kernels.sets import join, numbered
 
 
 @helper
@@ -89,19 +90,58 @@ def edge_keys(faces, vertices):
 
 
 @kernel
-def unmatched(keys):
-    """Edges (keys without direction) that are used more often in one direction than in the other; `keys` sorted."""
-    found = np.empty(len(keys), np.int64)
-    count, at = 0, 0
+def faulty(keys):
+    """Edges (keys without direction) that are no plain seams, from `keys` sorted.
+
+    Returns those that are used more often in one direction than in the other; whether each of these is used twice in
+    the same direction; and those used more than twice.
+    """
+    unmatched, twisted, crowded = (
+        np.empty(len(keys), np.int64),
+        np.empty(len(keys), np.bool_),
+        np.empty(len(keys), np.int64),
+    )
+    count, many, at = 0, 0, 0
     while at < len(keys):
-        edge, balance = keys[at] >> 1, 0
+        edge, balance, first = keys[at] >> 1, 0, at
         while at < len(keys) and keys[at] >> 1 == edge:
             balance += 1 - 2 * (keys[at] & 1)
             at += 1
         if balance != 0:
-            found[count] = edge
+            unmatched[count], twisted[count] = edge, at - first == 2
             count += 1
-    return found[:count].copy()
+        if at - first > 2:
+            crowded[many] = edge
+            many += 1
+    return unmatched[:count].copy(), twisted[:count].copy(), crowded[:many].copy()
+
+
+@kernel
+def connected(faces, vertices):
+    """Number of the connected piece of each of so many vertices, ascending with its first, and how many there are."""
+    parent = np.arange(vertices).astype(np.int32)
+    for f in range(len(faces)):
+        join(parent, faces[f, 0], faces[f, 1])
+        join(parent, faces[f, 1], faces[f, 2])
+    return parent, numbered(parent)
+
+
+@kernel
+def patched(keys, order):
+    """Number of the patch of each triangle, those that share an edge that no third has, and how many patches there are.
+
+    `keys` are those of `edge_keys`, and `order` sorts them.
+    """
+    parent = np.arange(len(keys) // 3).astype(np.int32)
+    at = 0
+    while at < len(order):
+        after = at + 1
+        while after < len(order) and keys[order[after]] >> 1 == keys[order[at]] >> 1:
+            after += 1
+        if after == at + 2:
+            join(parent, order[at] // 3, order[at + 1] // 3)
+        at = after
+    return parent, numbered(parent)
 
 
 @helper

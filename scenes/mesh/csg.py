@@ -41,7 +41,7 @@ def _solid(part: Primitive | Mesh, index: int, manifold3d: Any) -> Any:
     if isinstance(part, Plane):
         raise UserError(f"CSG part {index} is a plane, which has no volume; use a large box")
     mesh = part if isinstance(part, Mesh) else part.mesh()
-    vertices, faces, _, _ = clean(mesh.vertices, mesh.faces)
+    vertices, faces, _ = clean(mesh.vertices, mesh.faces)
     solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
     if solid.status() != manifold3d.Error.NoError or solid.volume() <= 0:
         raise UserError(

@@ -6,7 +6,7 @@ never come from a winding number, whose approximation ruins them on soups.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,30 +21,62 @@ NEARLY_CLOSED = 0.005
 """Share of unmatched edges up to which a mesh counts as closed with a few holes, as room scans are."""
 
 
-def clean(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Merge equal vertices, drop repeated and collapsed triangles, and count unmatched edges.
+def clean(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Merge equal vertices, drop repeated and collapsed triangles.
 
-    A triangle stored twice would count twice in the winding number. Slivers of no area are kept apart but take part in
-    the count, because a seam that they fill is no hole.
+    A triangle stored twice would count twice in the winding number. Slivers of no area are kept apart: a seam that they
+    fill is no hole.
 
     Returns:
-        vertices ``[V, 3]``, faces ``[F, 3]``, slivers ``[S, 3]``, and the number of edges whose uses in the two
-        directions differ; 0 means closed, and then winding numbers are whole numbers.
+        vertices ``[V, 3]``, faces ``[F, 3]``, slivers ``[S, 3]``.
     """
     bits = (np.ascontiguousarray(vertices, dtype=np.float64) + 0.0).view(np.int64)  # -0 becomes 0
     index, kept = weld.welded(bits, _table(len(vertices)))
     unique = np.ascontiguousarray(vertices[kept], dtype=np.float64)
     distinct = weld.distinct(faces, index, _table(len(faces)))
     flat = weld.slivers(unique, distinct)
-    return unique, distinct[~flat], distinct[flat], len(_unmatched(distinct, len(unique)))
+    return unique, distinct[~flat], distinct[flat]
 
 
-def _unmatched(faces: np.ndarray, vertices: int) -> np.ndarray:
-    """Edges whose uses in the two directions differ, ``first * vertices + second`` each."""
-    keys = weld.edge_keys(faces, vertices)
-    keys.sort()
-    unmatched: np.ndarray = weld.unmatched(keys)
-    return unmatched
+@dataclass(frozen=True, eq=False)
+class Faults:
+    """Edges of some triangles that are no plain seams between two, as both ends, ``[n, 2]`` vertices.
+
+    Attributes:
+        unmatched: used more often in one direction than in the other; none where the triangles are closed.
+        twisted: of these, those between two triangles that face opposite ways, ``[n]``.
+        crowded: used more than twice.
+    """
+
+    unmatched: np.ndarray
+    twisted: np.ndarray
+    crowded: np.ndarray
+
+    @classmethod
+    def of(cls, faces: np.ndarray, vertices: int) -> Faults:
+        """The faults of triangles ``[F, 3]`` between so many vertices."""
+        keys = weld.edge_keys(faces, vertices)
+        keys.sort()
+        unmatched, twisted, crowded = weld.faulty(keys)
+        ends, many = (np.stack(np.divmod(edges, vertices), axis=1) for edges in (unmatched, crowded))
+        return cls(ends, twisted, many)
+
+
+def _turned(vertices: np.ndarray, faces: np.ndarray, faults: Faults) -> np.ndarray:
+    """True at triangles that face against their neighbours: in each patch the side with more area is right, ``[F]``."""
+    import igl
+
+    piece, count = weld.connected(faces, len(vertices))
+    ill = np.zeros(count, dtype=bool)
+    ill[piece[faults.unmatched[faults.twisted, 0]]] = True
+    some = np.flatnonzero(ill[piece[faces[:, 0]]])
+    consistent, patch = igl.bfs_orient(faces[some].astype(np.int64))
+    against = (consistent != faces[some]).any(axis=1)
+    area = weld.areas(vertices, faces[some])
+    share = np.bincount(patch, area * against) / np.maximum(np.bincount(patch, area), 1e-300)
+    turned = np.zeros(len(faces), dtype=bool)
+    turned[some] = against != (share > 0.5)[patch]
+    return turned
 
 
 def _table(entries: int) -> np.ndarray:
@@ -57,13 +89,8 @@ def sheets(surface: Surface, thickness: float) -> np.ndarray:
 
     The mean thickness of a closed piece is twice its volume over its area.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     faces, count = surface.faces, len(surface.vertices)
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    graph = coo_matrix((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    pieces, of_vertex = connected_components(graph, directed=False)
+    of_vertex, pieces = weld.connected(faces, count)
     piece = of_vertex[faces[:, 0]]
     a, b, c = np.moveaxis(surface.vertices[faces], 1, 0)
     area = np.bincount(piece, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, pieces)
@@ -71,7 +98,7 @@ def sheets(surface: Surface, thickness: float) -> np.ndarray:
     thin = 2 * np.abs(volume) < thickness * area
     for which in np.flatnonzero(~thin & (area > 0)):
         own = faces[piece == which]
-        thin[which] = len(_unmatched(own, count)) > NEARLY_CLOSED * 1.5 * len(own)
+        thin[which] = len(Faults.of(own, count).unmatched) > NEARLY_CLOSED * 1.5 * len(own)
     return np.asarray(faces[thin[piece]])
 
 
@@ -85,24 +112,28 @@ def thin_walls(surface: Surface, thickness: float | int) -> Surface | None:
 class Surface:
     """The triangles of a mesh, cleaned, around their own centre so that single precision suffices.
 
+    Its triangles face as their neighbours do: what a file states for single ones cannot be trusted.
+
     Attributes:
         vertices: ``[V, 3]`` metres, relative to `centre`.
         faces: ``[F, 3]`` int32, those with an area.
         slivers: ``[S, 3]`` int32, those without.
         centre: middle of the bounds, world metres, ``[3]``.
-        boundary_edges: unmatched edges; 0 for a closed mesh.
+        faults: its edges that are no plain seams.
+        turned: triangles that were turned to face as their neighbours do.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     slivers: np.ndarray
     centre: np.ndarray
-    boundary_edges: int
+    faults: Faults
+    turned: int = 0
 
     @classmethod
     def of(cls, mesh: Mesh) -> Surface:
         """Clean a mesh; raises UserError when no triangle with an area is left."""
-        vertices, faces, slivers, boundary = clean(mesh.vertices, mesh.faces)
+        vertices, faces, slivers = clean(mesh.vertices, mesh.faces)
         if len(faces) == 0:
             raise UserError(f"mesh '{mesh.name}' has only triangles without area; export it again")
         used = np.zeros(len(vertices), dtype=bool)
@@ -110,11 +141,29 @@ class Surface:
         place = (np.cumsum(used) - 1).astype(np.int32)
         kept = vertices[used]
         centre = (kept.min(axis=0) + kept.max(axis=0)) / 2
-        return cls(kept - centre, place[faces], place[slivers], centre, boundary)
+        return cls.facing_alike(kept - centre, place[faces], place[slivers], centre)
 
-    def part(self, faces: np.ndarray) -> Surface:
-        """Some of its triangles ``[n, 3]``, as a surface that is open."""
-        return Surface(self.vertices, faces, faces[:0], self.centre, len(faces))
+    @classmethod
+    def facing_alike(cls, vertices: np.ndarray, faces: np.ndarray, slivers: np.ndarray, centre: np.ndarray) -> Surface:
+        """Cleaned triangles, each turned as most of its patch face; arguments as the attributes."""
+        every = np.concatenate([faces, slivers])
+        faults, turned = Faults.of(every, len(vertices)), np.zeros(len(every), dtype=bool)
+        if faults.twisted.any():
+            turned = _turned(vertices, every, faults)
+            every[turned] = every[turned][:, ::-1]
+            faults = Faults.of(every, len(vertices))
+        kinds = every[: len(faces)], every[len(faces) :]
+        return cls(vertices, *kinds, centre, faults, int(turned.sum()))
+
+    def part(self, faces: np.ndarray, slivers: np.ndarray | None = None, faults: Faults | None = None) -> Surface:
+        """Some of its triangles ``[n, 3]`` as a surface of their own; `faults` where they are known."""
+        slivers = faces[:0] if slivers is None else slivers
+        faults = faults or Faults.of(np.concatenate([faces, slivers]), len(self.vertices))
+        return Surface(self.vertices, faces, slivers, self.centre, faults)
+
+    def reversed(self) -> Surface:
+        """The same triangles, all facing the other way."""
+        return replace(self, faces=self.faces[:, ::-1].copy(), slivers=self.slivers[:, ::-1].copy())
 
     @cached_property
     def bounds(self) -> np.ndarray:
@@ -124,9 +173,12 @@ class Surface:
     @property
     def open_edges(self) -> np.ndarray:
         """Both ends of every unmatched edge: where the surface has holes, ``[n, 2, 3]``, world metres."""
-        edges = _unmatched(np.concatenate([self.faces, self.slivers]), len(self.vertices))
-        ends = np.stack(np.divmod(edges, len(self.vertices)), axis=1)
-        return np.asarray(self.vertices[ends] + self.centre)
+        return np.asarray(self.vertices[self.faults.unmatched] + self.centre)
+
+    @property
+    def boundary_edges(self) -> int:
+        """Number of unmatched edges; 0 for a closed mesh."""
+        return len(self.faults.unmatched)
 
     @property
     def edges(self) -> int:
@@ -196,12 +248,19 @@ class Surface:
 
     def unsigned_distance(self, points: np.ndarray) -> np.ndarray:
         """Exact distance (m, double precision) from ``[n, 3]`` world points (m) to the nearest triangle."""
+        return np.asarray(np.sqrt(np.maximum(self._nearest(points)[0], 0.0)))
+
+    def closest(self, points: np.ndarray) -> np.ndarray:
+        """The nearest point of the surface to each of ``[n, 3]`` world points (m)."""
+        return np.asarray(self._nearest(points)[1] + self.centre)
+
+    def _nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squared distances ``[n]`` and nearest points ``[n, 3]``, relative to `centre`."""
         import igl
 
         if len(points) == 0:
-            return np.zeros(0)
-        squared, _, _ = igl.point_mesh_squared_distance(
+            return np.zeros(0), np.zeros((0, 3))
+        squared, _, nearest = igl.point_mesh_squared_distance(
             np.ascontiguousarray(points - self.centre, dtype=np.float64), self.vertices, self._faces64
         )
-        distance: np.ndarray = np.sqrt(np.maximum(squared, 0.0))
-        return distance
+        return squared, nearest

@@ -8,9 +8,11 @@ import numpy as np
 
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
-from scenes.sdf.bake import Bake
+from scenes.sdf.bake import Bake, sided
+from scenes.sdf.free_space import Sides
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
+from scenes.sdf.settings import FreeSpace
 
 SLAB = 8
 """Layers of a grid that are compared at once, so that little memory is needed."""
@@ -49,35 +51,35 @@ class Oracle:
         lattice: where the nodes lie.
         nodes: flat indices of the sampled ones, ``[n]``.
         distance: exact distances there, ``[n]``, metres.
-        winding: exact winding numbers there, ``[n]``.
+        free: whether they are free by exact winding numbers, ``[n]``.
     """
 
     lattice: Lattice
     nodes: np.ndarray
     distance: np.ndarray
-    winding: np.ndarray
+    free: np.ndarray
 
     @classmethod
-    def of(cls, surface: Surface, lattice: Lattice, samples: int = 20_000, seed: int = 0) -> Oracle:
+    def of(cls, sides: Sides, lattice: Lattice, samples: int = 20_000, seed: int = 0) -> Oracle:
         """Ask libigl at `samples` nodes, half of them within about two voxels of the surface.
 
         It costs about 50 microseconds a node on a mesh of 60,000 triangles.
         """
         rng = np.random.default_rng(seed)
+        surface = sides.surface
         near = _near(surface, lattice, samples // 2, rng)
         nodes = np.union1d(near, rng.integers(int(np.prod(lattice.shape)), size=samples - len(near)))
         points = lattice.nodes_at(nodes)
-        return cls(lattice, nodes, surface.unsigned_distance(points), surface.winding(points))
+        return cls(lattice, nodes, surface.unsigned_distance(points), _free(sides, points))
 
-    def judge(self, grid: SdfGrid, free: tuple[float, float]) -> Accuracy:
-        """Compare a grid on this lattice; space is free where the winding number lies between the two of `free`."""
+    def judge(self, grid: SdfGrid) -> Accuracy:
+        """Compare a grid on this lattice."""
         spacing = self.lattice.spacing
         values = grid.values.numpy().reshape(-1)[self.nodes]
         error = np.nan_to_num(np.abs(np.abs(values) - self.distance) / spacing, nan=np.inf)
         within = self.distance <= 2 * spacing
-        truth = (self.winding >= free[0]) & (self.winding <= free[1])
         # A node that lies on the surface is on neither side of it.
-        wrong = (truth != (values > 0)) & (self.distance > 1e-3 * spacing)
+        wrong = (self.free != (values > 0)) & (self.distance > 1e-3 * spacing)
         return Accuracy(
             near_nodes=int(within.sum()),
             near_error_voxels=float(error[within].max(initial=0.0)),
@@ -86,6 +88,11 @@ class Oracle:
             sign_errors=int(wrong.sum()),
             impossible_flips=impossible_flips(grid),
         )
+
+
+def _free(sides: Sides, points: np.ndarray) -> np.ndarray:
+    free = sides.out_of_solids(points)
+    return free if sides.sheets is None else free & sides.before_sheets(sides.sheets.winding(points))
 
 
 def _near(surface: Surface, lattice: Lattice, samples: int, rng: np.random.Generator) -> np.ndarray:
@@ -100,13 +107,15 @@ def _near(surface: Surface, lattice: Lattice, samples: int, rng: np.random.Gener
     return np.unique(np.ravel_multi_index(tuple(index.T), lattice.shape, mode="clip"))
 
 
-def measure(result: Bake[SdfGrid], mesh: Mesh, samples: int = 20_000, seed: int = 0) -> Accuracy:
+def measure(
+    result: Bake[SdfGrid], mesh: Mesh, samples: int = 20_000, seed: int = 0, free_space: FreeSpace = "auto"
+) -> Accuracy:
     """Compare a bake with the oracle on `samples` nodes, half of them within about two voxels of the surface."""
     grid = result.grid
     x, y, z = (float(o) for o in grid.origin)
     nx, ny, nz = grid.values.shape
     lattice = Lattice((x, y, z), grid.spacing, (nx, ny, nz))
-    return Oracle.of(Surface.of(mesh), lattice, samples, seed).judge(grid, result.free)
+    return Oracle.of(sided(mesh, free_space, lattice), lattice, samples, seed).judge(grid)
 
 
 def impossible_flips(grid: SdfGrid, slack: float = 1.01) -> int:

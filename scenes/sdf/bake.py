@@ -23,7 +23,8 @@ from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
-from scenes.sdf.free_space import decide
+from scenes.sdf.doubts import doubts_about
+from scenes.sdf.free_space import Sides, decide
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
@@ -46,7 +47,6 @@ class Bake(Generic[Grid]):
         signs: what kind of mesh it is, and how sure the sign of every voxel is.
         inward: the triangles face into a room.
         message: what was decided, one sentence.
-        free: space is free where the winding number lies between these two.
         doubts: evidence against what was decided, one sentence each.
     """
 
@@ -55,7 +55,6 @@ class Bake(Generic[Grid]):
     signs: Signs
     inward: bool
     message: str
-    free: tuple[float, float] = (-0.5, 0.5)
     doubts: tuple[str, ...] = ()
 
     @property
@@ -112,24 +111,31 @@ def bake(
 
 
 def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float, threads: int | None) -> Bake[SdfGrid]:
-    surface = Surface.of(mesh)
-    low, high = surface.bounds
-    slack = 1e-6 * lattice.spacing
-    if (low < lattice.bounds[0] - slack).any() or (high > lattice.bounds[1] + slack).any():
-        raise UserError(f"mesh '{mesh.name}' reaches beyond the lattice {lattice.bounds.tolist()} m; give a larger one")
-    rule = decide(surface, free_space, lattice.bounds, mesh.name)
-    soup = Soup.of(surface, lattice)
+    sides = sided(mesh, free_space, lattice)
+    soup = Soup.of(sides.surface, lattice)
     distance = unsigned(soup, threads)
-    signs = sign(distance, soup, surface, rule, lattice.spacing, threads)
-    if (thin := thin_walls(surface, thickness)) is not None:
+    signs = sign(distance, soup, sides, lattice.spacing, threads)
+    doubts = sides.rule.doubts + doubts_about(distance, signs, sides, lattice, mesh.name)
+    if (thin := thin_walls(sides.surface, thickness)) is not None:
         walls = unsigned(Soup.of(thin, lattice), threads)
         walls *= np.float32(lattice.spacing)
         walls -= np.float32(thickness / 2)
         np.minimum(distance, walls, out=distance)
     grid = SdfGrid(
-        torch.from_numpy(distance), torch.tensor(lattice.origin, dtype=torch.float64), lattice.spacing, rule.beyond
+        torch.from_numpy(distance), torch.tensor(lattice.origin, dtype=torch.float64), lattice.spacing, sides.beyond
     )
-    return Bake(grid, rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
+    rule = sides.rule
+    return Bake(grid, rule.name, signs, rule.inward, rule.message, doubts)
+
+
+def sided(mesh: Mesh, free_space: FreeSpace, lattice: Lattice) -> Sides:
+    """The sides of a mesh's surface; raises UserError where the lattice does not hold it."""
+    surface = Surface.of(mesh)
+    low, high = surface.bounds
+    slack = 1e-6 * lattice.spacing
+    if (low < lattice.bounds[0] - slack).any() or (high > lattice.bounds[1] + slack).any():
+        raise UserError(f"mesh '{mesh.name}' reaches beyond the lattice {lattice.bounds.tolist()} m; give a larger one")
+    return decide(surface, free_space, lattice.bounds, mesh.name)
 
 
 # ------------------------------------------------------------------------------------------------------------- cache
@@ -162,7 +168,6 @@ def _store(path: Path, key: str, result: Bake[Grid]) -> None:
         "confidence": np.zeros(0, np.uint8) if result.signs.confidence is None else result.signs.confidence,
         "inward": np.array(result.inward),
         "boundary_edges": np.array(result.boundary_edges),
-        "free": np.array(result.free),
         "doubts": np.array(result.doubts, dtype=np.str_),
     }
     try:
@@ -186,7 +191,6 @@ def _load(path: Path, key: str, kind: type[Grid]) -> Bake[Grid] | None:
                 signs=Signs(str(data["kind"]), int(data["boundary_edges"]), confidence),
                 inward=bool(data["inward"]),
                 message=str(data["message"]),
-                free=(float(data["free"][0]), float(data["free"][1])),
                 doubts=tuple(str(doubt) for doubt in data["doubts"]),
             )
     except Exception:  # zipfile, numpy and our own checks raise many kinds; all mean "bake it again"

@@ -17,11 +17,11 @@ from scenes.errors import UserError
 from scenes.kernels import blocks as kernels, parts, rays, regions, spans
 from scenes.kernels.blocks import BRICK, CELL, LEVELS, SIDE
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.surface import Surface
-from scenes.sdf.bake import FORMAT, Bake, cached
+from scenes.sdf.bake import FORMAT, Bake, cached, sided
 from scenes.sdf.blocks import SdfBlocks
 from scenes.sdf.distances import Soup, unsigned
-from scenes.sdf.free_space import Rule, decide
+from scenes.sdf.doubts import doubts_about
+from scenes.sdf.free_space import Sides
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import grown, sign
@@ -99,13 +99,13 @@ def coarse_lattice(mesh: Mesh, spacing: float, padding: float) -> Lattice:
 def _baked(
     mesh: Mesh, lattice: Lattice, free_space: FreeSpace, tolerance: float, slope: float, threads: int | None
 ) -> Bake[SdfBlocks]:
-    surface = Surface.of(mesh)
-    rule = decide(surface, free_space, lattice.bounds, mesh.name)
-    soup = Soup.of(surface, lattice)
+    sides = sided(mesh, free_space, lattice)
+    rule, soup = sides.rule, Soup.of(sides.surface, lattice)
     coarse = unsigned(soup, threads)
-    signs = sign(coarse, soup, surface, rule, lattice.spacing, threads)
-    builder = _Builder(surface, soup, rule, lattice, coarse, tolerance, slope, threads)
-    return Bake(builder.built(), rule.name, signs, rule.inward, rule.message, (rule.low, rule.high))
+    signs = sign(coarse, soup, sides, lattice.spacing, threads)
+    doubts = rule.doubts + doubts_about(coarse, signs, sides, lattice, mesh.name)
+    builder = _Builder(sides, soup, lattice, coarse, tolerance, slope, threads)
+    return Bake(builder.built(), rule.name, signs, rule.inward, rule.message, doubts)
 
 
 @dataclass
@@ -120,9 +120,8 @@ class _Found:
 class _Builder:
     """Bricks over a coarse lattice, and the triangles in the coordinates of the fine one."""
 
-    surface: Surface
+    sides: Sides
     soup: Soup
-    rule: Rule
     lattice: Lattice
     coarse: np.ndarray
     tolerance: float
@@ -134,11 +133,12 @@ class _Builder:
         self.cells = tuple(n - 1 for n in self.lattice.shape)
         self.bricks = tuple(n // BRICK for n in self.cells)
         self.vertices, self.faces = CELL * self.soup.vertices, self.soup.faces
+        self.closed = self.sides.sheets is None
         self.bits = rays.fraction_bits(CELL * max(self.lattice.shape))
         # The nearest triangle of a point in a cell within the band is no farther from its brick than this.
         reach = BAND + 1.5 * np.sqrt(3.0) * CELL
         self.near = kernels.near_bricks(self.vertices, self.faces, self.bricks, reach)
-        if self.surface.closed:
+        if self.closed:
             self.over = kernels.over_columns(self.vertices, self.faces, self.bricks[0], self.bricks[2])
 
     def built(self) -> SdfBlocks:
@@ -151,14 +151,14 @@ class _Builder:
             cells.append(np.concatenate(pieces) if pieces else np.empty((0, 3), dtype=np.int32))
             blocks.append(self._put_together(found, level, len(cells[level])))
             index[tuple(cells[level].T)] = LEVELS * np.arange(len(cells[level])) + level
-        if not self.surface.closed:
+        if not self.closed:
             for level in range(LEVELS):
                 kernels.adopted(index, cells[level], level + 1, tuple(blocks), blocks[level])
         for level in range(LEVELS):
             join = partial(kernels.joined, index, cells[level], level + 1, blocks[level])
             spans(join, len(blocks[level]), _CHUNK, self.threads)
         origin = np.array(self.lattice.origin)
-        return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.rule.beyond)
+        return SdfBlocks(self.coarse, index, tuple(blocks), origin, self.spacing, self.sides.beyond)
 
     def _put_together(self, found: list[_Found], level: int, count: int) -> np.ndarray:
         """The blocks of one level; columns free theirs on the way."""
@@ -188,12 +188,12 @@ class _Builder:
                 continue
             x, y, z = BRICK * i, BRICK * j, BRICK * k
             coarse = self.coarse[x : x + BRICK + 1, y : y + BRICK + 1, z : z + BRICK + 1]
-            if self.surface.closed:
+            if self.closed:
                 winding = self._winding(i, k) if winding is None else winding
-                kernels.signed_by_rays(winding, SIDE * j, self.rule.low, self.rule.high, distance)
+                kernels.signed_by_rays(winding, SIDE * j, *self.sides.rule.solids, distance)
             else:
                 self._sign_by_regions(members, corner, coarse, distance)
-            kernels.settled(np.float32(self.spacing), near, distance, coarse, not self.surface.closed)
+            kernels.settled(np.float32(self.spacing), near, distance, coarse, not self.closed)
             counts = kernels.chosen(distance, near, self.tolerance, self.slope, level)
             for n in np.flatnonzero(counts[1:]):
                 nodes = (2 << int(n)) + 1
@@ -263,4 +263,4 @@ class _Builder:
         """Whether space is free at nodes of a brick (flat indices), by their winding numbers."""
         index = np.stack(np.unravel_index(nodes, shape), axis=-1) + corner
         points = np.array(self.lattice.origin) + self.spacing * index
-        return self.rule.free(self.surface.dipoles.at(points - self.surface.centre, threads=1))
+        return self.sides.by_winding(points, threads=1)

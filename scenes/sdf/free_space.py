@@ -1,94 +1,292 @@
-"""Which space is free: an explicit rule on the generalised winding number, reported and open to overruling.
+"""Which space is free: an explicit rule on winding numbers, reported and open to overruling.
 
-Jacobson et al., "Robust inside-outside segmentation using generalized winding numbers", 2013.
+Jacobson et al., "Robust inside-outside segmentation using generalized winding numbers", 2013. Closed pieces of a mesh
+and open ones are asked apart: about the former winding numbers are whole numbers, and what sheets add near their edges
+cannot change what a solid encloses. Before that, closed pieces are turned to face as what they are taken for, and
+solids that overlap or touch become one (`scenes.sdf.solids`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
 from scenes.errors import UserError
+from scenes.mesh.alignment import aligned
+from scenes.mesh.pieces import Pieces
 from scenes.mesh.surface import Surface
+from scenes.sdf.evidence import in_front, room_inside
 from scenes.sdf.settings import FreeSpace
+from scenes.sdf.solids import Boundary, Roles
+
+Range: TypeAlias = tuple[float, float]
+"""Least and greatest winding number of what is free."""
+
+OUT: Range = (-math.inf, 0.5)
+"""Not within a solid. Loose sheets have |w| up to 1 on the side they face; only what they enclose from behind is."""
+OUT_OF_SCAN: Range = (-0.5, 0.5)
+"""Not within a nearly closed piece, which is solid whichever way it faces."""
+IN: Range = (-math.inf, -0.5)
+"""Within a room."""
+IN_CUT_AWAY: Range = (-math.inf, -0.25)
+"""Within a room that is cut open: in front of what is left w is -1/2 and less, behind it 0 and more."""
+
+SHEET, NEARLY = -0.75, -0.5
+"""Winding number in front of open pieces below which they are a room, and of nearly closed ones. In front of a room's
+walls w is -1, of an object's 0; a sheet alone gives -1/2, a floor with two walls about -0.7: only what is enclosed for
+the most part counts as a room."""
+
+
+SEVERAL = 0.1
+"""Share of a mesh's area from which on closed rooms beside an open one count."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Which space is free, in terms of the winding number w.
+    """Which space is free, in terms of winding numbers.
 
     Attributes:
         name: "outside", "inside" (of an inward-facing room) or "seed".
-        low, high: free is ``low <= w <= high``.
+        solids: winding numbers about the closed pieces that are free.
+        sheets: those about the open ones.
         message: one sentence saying what was decided and why.
         inward: the mesh's front sides face the inside of a room.
+        doubts: evidence against it, one sentence each.
     """
 
     name: str
-    low: float
-    high: float
+    solids: Range
+    sheets: Range
     message: str
     inward: bool = False
+    doubts: tuple[str, ...] = ()
 
-    def free(self, winding: np.ndarray) -> np.ndarray:
-        """True where space with these winding numbers is free."""
-        result: np.ndarray = (winding >= self.low) & (winding <= self.high)
-        return result
 
-    def margin(self, winding: np.ndarray) -> np.ndarray:
-        """How far each winding number lies from where the answer changes."""
-        result: np.ndarray = np.minimum(np.abs(winding - self.low), np.abs(winding - self.high))
-        return result
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """A surface, and which sides of it are free.
+
+    Attributes:
+        surface: all triangles that distances are measured to.
+        solids: of these the closed pieces; None without any.
+        sheets: and the open ones.
+        rule: what is free.
+        seed: a point that is certainly free, world metres; None where none is stated.
+    """
+
+    surface: Surface
+    solids: Surface | None
+    sheets: Surface | None
+    rule: Rule
+    seed: np.ndarray | None = None
 
     @property
     def beyond(self) -> float:
-        """Sign of the distance far away from the mesh, where w is 0."""
-        return 1.0 if self.low <= 0.0 <= self.high else -1.0
+        """Sign of the distance far away from the mesh, where winding numbers are 0."""
+        pairs = ((self.solids, self.rule.solids), (self.sheets, self.rule.sheets))
+        return 1.0 if all(part is None or _between(np.zeros(1), free).all() for part, free in pairs) else -1.0
+
+    @property
+    def cut_away(self) -> bool:
+        """The sheets are a room that is cut open."""
+        return self.sheets is not None and self.rule.sheets == IN_CUT_AWAY
+
+    def out_of_solids(self, points: np.ndarray) -> np.ndarray:
+        """True at those of ``[n, 3]`` world points (m) that the closed pieces leave free: exactly."""
+        if self.solids is None:
+            return np.ones(len(points), dtype=bool)
+        winding = self.solids.winding_fast(points)  # within about 0.01; wherever that matters the exact one decides
+        doubtful = np.flatnonzero(np.abs(np.abs(winding) % 1 - 0.5) < 0.02)
+        winding[doubtful] = self.solids.winding(points[doubtful])
+        return _between(winding, self.rule.solids)
+
+    def before_sheets(self, winding: np.ndarray) -> np.ndarray:
+        """True where winding numbers about the open pieces are free."""
+        return _between(winding, self.rule.sheets)
+
+    def margin(self, winding: np.ndarray) -> np.ndarray:
+        """How far winding numbers about the open pieces lie from where the answer changes."""
+        low, high = self.rule.sheets
+        return np.asarray(np.minimum(np.abs(winding - low), np.abs(winding - high)))
+
+    def by_winding(self, points: np.ndarray, threads: int | None = None) -> np.ndarray:
+        """True at those of ``[n, 3]`` world points (m) that are free by their winding numbers alone, within 0.01."""
+        free = np.ones(len(points), dtype=bool)
+        for part, between in ((self.solids, self.rule.solids), (self.sheets, self.rule.sheets)):
+            if part is not None:
+                free &= _between(part.dipoles.at(points - part.centre, threads), between)
+        return free
 
 
-def decide(surface: Surface, free_space: FreeSpace, bounds: np.ndarray, name: str) -> Rule:
-    """The free-space rule for a surface.
+def _between(winding: np.ndarray, free: Range) -> np.ndarray:
+    result: np.ndarray = (winding >= free[0]) & (winding <= free[1])
+    return result
+
+
+def decide(surface: Surface, free_space: FreeSpace, bounds: np.ndarray, name: str) -> Sides:
+    """The sides of a surface.
 
     Args:
         surface: the cleaned mesh.
         free_space: as `bake` takes it.
         bounds: padded bounds ``[2, 3]`` (m) that a seed point must lie in.
-        name: of the mesh, for the message.
+        name: of the mesh, for messages.
 
     Raises:
         UserError: a seed point outside `bounds` or within 1 mm of a surface.
     """
-    kind = _kind(surface)
+    found = _Found(surface, name)
     if free_space == "outside":
-        return _outside(surface, f"mesh '{name}' ({kind}): free space is outside, as stated")
+        return found.outside("free space is outside, as stated", stated=True)
     if not isinstance(free_space, str):
-        return _from_seed(surface, free_space, bounds, name, kind)
-    facing = _winding_in_front(surface)
-    # In front of a room's walls w is -1; in front of an object's it is 0. A sheet alone gives -1/2, a floor with two
-    # walls about -0.7: only what is enclosed for the most part counts as a room.
-    if facing < (-0.5 if surface.nearly_closed else -0.75):
-        message = f"mesh '{name}' ({kind}) faces inward (winding number {facing:.2f} in front of its triangles), so"
-        return Rule("inside", -math.inf, -0.5, f"{message} the space it encloses is free and all else solid", True)
-    message = f"mesh '{name}' ({kind}) does not face inward (winding number {facing:.2f} in front of its triangles)"
-    return _outside(surface, f"{message}, so free space is outside")
+        _check_seed(surface, free_space, bounds, name)
+        return found.around(np.array(free_space, dtype=np.float64))
+    if found.faces_inward:
+        return found.inside()
+    room = room_inside(surface)
+    if room.certain:
+        doubt = (
+            f"mesh '{name}' faces outward as a solid does, but {room.standing:.3g} m² of standing room and furniture"
+            ' lie inside: it is taken for a room turned inside out; if it is a solid, state free_space = "outside"'
+        )
+        return _Found(surface.reversed(), name).inside((doubt,))
+    doubts: tuple[str, ...] = ()
+    if room.likely:
+        doubts = (
+            f"mesh '{name}' faces outward and is taken for a solid, but {room.standing:.3g} m² of standing room lie"
+            " inside; if it is a room, state free_space as a point [x, y, z] in its air",
+        )
+    return found.outside("it does not face inward, so free space is outside", doubts=doubts)
 
 
-def _kind(surface: Surface) -> str:
-    return surface.kind if surface.closed else f"{surface.kind}, {surface.boundary_edges} boundary edges"
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A surface and what is known of its pieces before anything is decided."""
+
+    surface: Surface
+    name: str
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        return Pieces.of(self.surface)
+
+    @cached_property
+    def sheets(self) -> Surface | None:
+        part = self.pieces.part(~self.pieces.closed)
+        return None if part is None else aligned(part)
+
+    @cached_property
+    def outermost(self) -> np.ndarray:
+        """Closed pieces that lie in no other and not in the air of an open room, ``[n]``."""
+        free = (piece for piece, holders in self.pieces.holders.items() if not holders)
+        return np.array([piece for piece in free if not self._in_open_room(piece)], dtype=int)
+
+    @cached_property
+    def rooms(self) -> float:
+        """Area (m²) of closed pieces that face inward where they could be rooms, less that of others beside them."""
+        own = self.outermost
+        return float((self.pieces.area * -np.sign(self.pieces.volume))[own].sum())
+
+    @cached_property
+    def open_room(self) -> bool:
+        """The open pieces face into a room that they enclose for the most part."""
+        return self.sheets is not None and in_front(self.sheets) < (NEARLY if self.sheets.nearly_closed else SHEET)
+
+    @property
+    def faces_inward(self) -> bool:
+        loose = 0.0 if self.sheets is None else float(self.pieces.area[~self.pieces.closed].sum())
+        return self.open_room or self.rooms > loose
+
+    def _in_open_room(self, piece: int) -> bool:
+        if self.sheets is None or not self.open_room:
+            return False
+        return bool((self.sheets.dipoles.at(self.pieces.probes[piece]) < IN_CUT_AWAY[1]).all())
+
+    @property
+    def _about(self) -> str:
+        kind, edges = self.surface.kind, self.surface.boundary_edges
+        return f"mesh '{self.name}' ({kind if edges == 0 else f'{kind}, {edges} boundary edges'})"
+
+    # ------------------------------------------------------------------------------------------------------- decisions
+
+    def outside(self, why: str, stated: bool = False, doubts: tuple[str, ...] = ()) -> Sides:
+        """What the mesh encloses is solid, whichever way it faces."""
+        roles = Roles.of(self.pieces, lambda piece: False)
+        rule = Rule("outside", OUT, self._loose, f"{self._about}: {why}", doubts=doubts)
+        return self._sides(rule, roles, stated)
+
+    def inside(self, doubts: tuple[str, ...] = ()) -> Sides:
+        """The air of the rooms that face inward is free, and all else solid."""
+        message = f"{self._about} faces inward, so the space it encloses is free and all else solid"
+        if not self.open_room:
+            rule = Rule("inside", IN, self._loose, message, True, doubts)
+            return self._sides(rule, Roles.of(self.pieces, lambda piece: True))
+        rule = Rule("inside", OUT, self._within_sheets, message, True, doubts)
+        if self.rooms > SEVERAL * float(self.pieces.area.sum()):  # closed rooms beside an open one: asked together
+            return Sides(self.surface, None, self.surface, rule)
+        return self._sides(rule, Roles.of(self.pieces, lambda piece: not self._in_open_room(piece)))
+
+    def around(self, seed: np.ndarray) -> Sides:
+        """Space that is enclosed as a point is."""
+        winding = float(self.surface.winding(seed[None])[0])
+        at = ", ".join(f"{x:g}" for x in seed)
+        message = f"{self._about}: free space is that of the seed ({at}), where the winding number is {winding:.2f}"
+        sheets, in_open_room = self._loose, False
+        if self.sheets is not None:
+            about = float(self.sheets.winding(seed[None])[0])
+            in_open_room = about < (IN_CUT_AWAY if self.open_room else IN)[1]
+            beyond = (round(about) - 0.5, round(about) + 0.5)
+            sheets = self._within_sheets if in_open_room else beyond if about > 0.5 else self._loose
+        holding = self.pieces.around(seed - self.surface.centre)
+        roles = Roles.of(self.pieces, lambda piece: in_open_room and not self._in_open_room(piece))
+        closed = bool(holding) and bool(roles.matter[holding[0]])
+        if closed:  # it lies in what would be a solid: that is the room
+            roles = Roles.of(self.pieces, lambda piece: True, holding[0])
+        rule = Rule("seed", IN if closed else OUT, sheets, message, closed or in_open_room)
+        return replace(self._sides(rule, roles), seed=seed)
+
+    @property
+    def _loose(self) -> Range:
+        """What is free about open pieces that are no room."""
+        return OUT_OF_SCAN if self.sheets is not None and self.sheets.nearly_closed else OUT
+
+    @property
+    def _within_sheets(self) -> Range:
+        """What is free about open pieces that are a room."""
+        return IN if self.sheets is not None and self.sheets.nearly_closed else IN_CUT_AWAY
+
+    def _sides(self, rule: Rule, roles: Roles, stated: bool = False) -> Sides:
+        boundary = Boundary.of(self.pieces, roles, self.sheets)
+        doubts = rule.doubts
+        if turned := self.surface.turned + (0 if self.sheets is None else self.sheets.turned):
+            doubts += (
+                f"mesh '{self.name}' has {turned} of {len(self.surface.faces)} triangles that face against"
+                " their neighbours and are taken to face as these do; make its normals consistent if that looks wrong",
+            )
+        if roles.inside_out.any() and not stated:
+            doubts += (self._inside_out(roles),)
+        return Sides(boundary.surface, boundary.solids, boundary.sheets, replace(rule, doubts=doubts))
+
+    def _inside_out(self, roles: Roles) -> str:
+        """A doubt about closed pieces in the air that face inward."""
+        pieces = np.flatnonzero(roles.inside_out)
+        largest = self.pieces.boxes[pieces[self.pieces.area[pieces].argmax()]] + self.surface.centre
+        middle = ", ".join(f"{x:.2f}" for x in largest.mean(axis=0))
+        size = " x ".join(f"{x:.2f}" for x in np.ptp(largest, axis=0))
+        what = "a closed piece faces" if len(pieces) == 1 else f"{len(pieces)} closed pieces face"
+        return (
+            f"in mesh '{self.name}' {what} inward in free space, {'' if len(pieces) == 1 else 'the largest '}{size} m"
+            f" around ({middle}): taken for solid; if it is a room, state free_space as a point [x, y, z] in its air"
+        )
 
 
-def _outside(surface: Surface, message: str) -> Rule:
-    if surface.nearly_closed:  # a closed part is solid whichever way it faces
-        return Rule("outside", -0.5, 0.5, message)
-    # Loose sheets have |w| up to 1 on the side they face; only what they enclose from behind is solid.
-    return Rule("outside", -math.inf, 0.5, f"{message} and only what has winding number over 0.5 is solid")
-
-
-def _from_seed(surface: Surface, seed: Sequence[float], bounds: np.ndarray, name: str, kind: str) -> Rule:
-    point = np.array([seed])
+def _check_seed(surface: Surface, seed: Sequence[float], bounds: np.ndarray, name: str) -> None:
+    point = np.array([seed], dtype=np.float64)
     text = f"({seed[0]:g}, {seed[1]:g}, {seed[2]:g})"
     if (point < bounds[0]).any() or (point > bounds[1]).any():
         low, high = (np.array2string(corner, precision=2, separator=", ") for corner in bounds)
@@ -98,39 +296,3 @@ def _from_seed(surface: Surface, seed: Sequence[float], bounds: np.ndarray, name
         )
     if surface.unsigned_distance(point)[0] < 1e-3:
         raise UserError(f"free-space seed {text} lies on a surface of mesh '{name}'; give a point in the air")
-    w = float(surface.winding(point)[0])
-    message = f"mesh '{name}' ({kind}): free space is that of the seed {text}, where the winding number is {w:.2f}"
-    if w < -0.5:
-        return Rule("seed", -math.inf, -0.5, message, True)
-    if w <= 0.5:
-        outside = _outside(surface, message)
-        return Rule("seed", outside.low, outside.high, outside.message)
-    return Rule("seed", round(w) - 0.5, round(w) + 0.5, message)
-
-
-def _winding_in_front(surface: Surface, samples: int = 512) -> float:
-    """Median winding number just in front of points spread evenly over the surface."""
-    rng = np.random.default_rng(0)
-    chosen = surface.by_area(samples, rng)
-    corners = surface.vertices[surface.faces[chosen]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    step = 1e-4 * float(np.ptp(surface.bounds, axis=0).max())
-    return float(np.median(surface.dipoles.at(surface.points_on(chosen, rng) + step * normals)))
-
-
-def is_free(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
-    """True at those of ``[n, 3]`` world points (m) that lie in free space.
-
-    The fast winding number is within about 0.01; wherever that could change the answer, the exact one decides.
-    """
-    winding = surface.winding_fast(points)
-    doubtful = np.flatnonzero(rule.margin(winding) < 0.02)
-    winding[doubtful] = surface.winding(points[doubtful])
-    return rule.free(winding)
-
-
-def signed_distance(surface: Surface, rule: Rule, points: np.ndarray) -> np.ndarray:
-    """Exact distance (m) of ``[n, 3]`` world points (m) to the triangles, positive in free space: the oracle."""
-    unsigned = surface.unsigned_distance(points)
-    return np.where(is_free(surface, rule, points), unsigned, -unsigned)

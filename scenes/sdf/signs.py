@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.kernels import parts, rays, regions as grow
-from scenes.mesh.surface import Surface
 from scenes.sdf.distances import Soup
-from scenes.sdf.free_space import Rule
+from scenes.sdf.free_space import Sides
 
 DIVIDED = 0.05
 """Share of contrary votes from which on a region is divided."""
@@ -61,32 +60,35 @@ class Signs:
         return f"{self.kind}, {self.boundary_edges} boundary edges, {text} uncertain"
 
 
-def sign(
-    distance: np.ndarray, soup: Soup, surface: Surface, rule: Rule, spacing: float, threads: int | None = None
-) -> Signs:
+def sign(distance: np.ndarray, soup: Soup, sides: Sides, spacing: float, threads: int | None = None) -> Signs:
     """Turn distances in voxels into signed distances in metres, in place.
 
     Args:
         distance: of `scenes.sdf.distances.unsigned`, ``[X, Y, Z]`` float32.
         soup: the triangles in the lattice's coordinates.
-        surface: the same in metres, for winding numbers.
-        rule: which winding numbers are free.
+        sides: the same in metres, and which winding numbers are free.
         spacing: metres a voxel.
         threads: at most so many; default, all processors.
     """
     scale = np.float32(spacing)
-    if surface.closed:
-        _from_one_ray(distance, soup, rule, scale, threads)
+    if sides.sheets is None:
+        _from_one_ray(distance, soup, sides, scale, threads)
         return Signs("closed", 0)
-    votes, crossed = _votes(soup, rule, threads)
+    sheets = soup if sides.solids is None else Soup.of(sides.sheets, soup.lattice)
+    votes, crossed = _votes(sheets, sides, threads)
     confidence = None
-    if not ((votes == 3) | (votes == 48)).all():  # all three axes alike
-        confidence = _from_regions(distance, soup, surface, rule, votes, crossed)
+    if sides.seed is not None or not ((votes == 3) | (votes == 48)).all():  # all three axes alike
+        confidence = _from_regions(distance, sheets, sides, votes, crossed)
     rays.turned(votes.reshape(-1), scale, distance.reshape(-1))
-    return Signs(surface.kind, surface.boundary_edges, confidence)
+    if sides.solids is not None:
+        _from_one_ray(distance, Soup.of(sides.solids, soup.lattice), sides, None, threads)
+    return Signs(sides.sheets.kind, sides.sheets.boundary_edges, confidence)
 
 
-def _from_one_ray(distance: np.ndarray, soup: Soup, rule: Rule, scale: np.float32, threads: int | None) -> None:
+def _from_one_ray(
+    distance: np.ndarray, soup: Soup, sides: Sides, scale: np.float32 | None, threads: int | None
+) -> None:
+    """Sign distances about closed pieces, or where there is no `scale` make those in solids negative."""
     bits = rays.fraction_bits(max(distance.shape))
     none = np.zeros((0, 0, 0), dtype=np.uint8)
 
@@ -95,12 +97,15 @@ def _from_one_ray(distance: np.ndarray, soup: Soup, rule: Rule, scale: np.float3
         counts = np.zeros((end - begin, *distance.shape[1:]), dtype=np.int16)
         members = soup.members(i)
         rays.crossings(soup.vertices, soup.faces, members, (0, 1, 2), bits, begin, end, 0, counts, none, 0)
-        rays.signed(counts, rule.low, rule.high, scale, distance[begin:end])
+        if scale is None:
+            rays.sunk(counts, *sides.rule.solids, distance[begin:end])
+        else:
+            rays.signed(counts, *sides.rule.solids, scale, distance[begin:end])
 
     parts(slab, soup.slabs, threads)
 
 
-def _votes(soup: Soup, rule: Rule, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
+def _votes(soup: Soup, sides: Sides, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Votes of the rays along z, y and x, and which edges towards -z, -y and -x cross a triangle; uint8 both."""
     shape = soup.lattice.shape
     bits = rays.fraction_bits(max(shape))
@@ -117,18 +122,16 @@ def _votes(soup: Soup, rule: Rule, threads: int | None) -> tuple[np.ndarray, np.
             rays.crossings(*mesh, axes, bits, begin, end, 0, counts.transpose(order), marks, flag)
             for x in range(end - begin):
                 lines = (counts[x].T, votes[begin + x].T) if flag == 1 else (counts[x], votes[begin + x])
-                rays.vote(lines[0], rule.low, rule.high, lines[1])
+                rays.vote(lines[0], *sides.rule.sheets, lines[1])
         order = (1, 2, 0)
         rays.crossings(*mesh, order, bits, begin, end, 1, along_x.transpose(order), crossed.transpose(order), 4)
 
     parts(slab, soup.slabs, threads)
-    parts(lambda y: rays.vote(along_x[:, y], rule.low, rule.high, votes[:, y]), shape[1], threads)
+    parts(lambda y: rays.vote(along_x[:, y], *sides.rule.sheets, votes[:, y]), shape[1], threads)
     return votes, crossed
 
 
-def _from_regions(
-    distance: np.ndarray, soup: Soup, surface: Surface, rule: Rule, votes: np.ndarray, crossed: np.ndarray
-) -> np.ndarray:
+def _from_regions(distance: np.ndarray, soup: Soup, sides: Sides, votes: np.ndarray, crossed: np.ndarray) -> np.ndarray:
     """Settle `votes` in place; returns the confidence in them, ``[X, Y, Z]``."""
     shape = distance.shape
     d, v, edges = distance.reshape(-1), votes.reshape(-1), crossed.reshape(-1)
@@ -138,25 +141,35 @@ def _from_regions(
     total = for_free + for_solid
     solid = for_solid > for_free
     silent = np.flatnonzero(total == 0)
-    solid[silent] = ~rule.free(_winding(soup, surface, deepest[silent]))
+    solid[silent] = ~sides.before_sheets(_winding(soup, sides, deepest[silent]))
+    if sides.seed is not None:
+        solid[region[_node(soup, sides.seed, d)]] = False
     divided = np.minimum(for_free, for_solid) > DIVIDED * np.maximum(total, 1)
     divided &= np.minimum(for_free, for_solid) >= 24
     purity = np.where(total > 0, np.maximum(for_free, for_solid) / np.maximum(total, 1), 0.6)
     purity[divided] = 0.5
     free = ~solid[region]
     if divided.any():
-        _cut(free, d, edges, shape, divided[region], soup, surface, rule)
+        _cut(free, d, edges, shape, divided[region], soup, sides)
     confidence = np.empty(d.size, dtype=np.uint8)
     grow.weighed(region, purity, v, free, confidence)
     np.copyto(v, np.where(free, np.uint8(3), np.uint8(48)))
     return confidence.reshape(shape)
 
 
-def _winding(soup: Soup, surface: Surface, nodes: np.ndarray, reach: float = 2.5) -> np.ndarray:
-    """Winding number at nodes given by flat index; `reach` as `Dipoles.at` takes it."""
-    if len(nodes) == 0:
+def _node(soup: Soup, point: np.ndarray, distance: np.ndarray) -> int:
+    """The node beside a point that is farthest from any surface; flat."""
+    low = np.floor((point - soup.lattice.origin) / soup.lattice.spacing).astype(int)
+    around = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3) + low
+    flat = np.ravel_multi_index(tuple(around.T), soup.lattice.shape, mode="clip")
+    return int(flat[distance[flat].argmax()])
+
+
+def _winding(soup: Soup, sides: Sides, nodes: np.ndarray, reach: float = 2.5) -> np.ndarray:
+    """Winding number about the sheets at nodes given by flat index; `reach` as `Dipoles.at` takes it."""
+    if len(nodes) == 0 or sides.sheets is None:
         return np.zeros(0)
-    return surface.dipoles.at(soup.lattice.nodes_at(nodes) - surface.centre, reach=reach)
+    return sides.sheets.dipoles.at(soup.lattice.nodes_at(nodes) - sides.sheets.centre, reach=reach)
 
 
 def _cut(
@@ -166,16 +179,26 @@ def _cut(
     shape: tuple[int, ...],
     torn: np.ndarray,
     soup: Soup,
-    surface: Surface,
-    rule: Rule,
+    sides: Sides,
 ) -> None:
-    """Decide the nodes of divided regions, in place in `free`: marked by winding numbers, cut at the narrowest."""
+    """Decide the nodes of divided regions, in place in `free`: marked by winding numbers, cut at the narrowest.
+
+    A room that is cut open has no narrowest place: there each node goes with the nearest mark.
+    """
     label = np.zeros(shape, dtype=np.int8)
     coarse = np.flatnonzero(_spread(shape) & torn)
-    w = _winding(soup, surface, coarse, reach=1.2)  # within 0.1, far less than what makes a mark clear
-    label.reshape(-1)[coarse] = np.where(rule.margin(w) > _CLEAR, np.where(rule.free(w), 1, 2), 0)
+    w = _winding(soup, sides, coarse, reach=1.2)  # within 0.1, far less than what makes a mark clear
+    label.reshape(-1)[coarse] = np.where(sides.margin(w) > _CLEAR, np.where(sides.before_sheets(w), 1, 2), 0)
     label = label.reshape(-1)
-    parent = grown(distance, crossed, shape, torn, label, lambda nodes: rule.free(_winding(soup, surface, nodes)))
+    if sides.seed is not None:
+        label[_node(soup, sides.seed, distance)] = 1
+    if sides.cut_away:
+        grow.nearest(crossed, shape, torn, label)
+        free[torn & (label > 0)] = label[torn & (label > 0)] == 1
+        return
+    parent = grown(
+        distance, crossed, shape, torn, label, lambda nodes: sides.before_sheets(_winding(soup, sides, nodes))
+    )
     root = np.where(torn, parent, 0)
     sizes = np.bincount(parent[torn], minlength=len(parent))
     sort = np.where(torn, label[root], 0).astype(np.int8)

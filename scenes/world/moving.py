@@ -25,8 +25,9 @@ from scenes.mesh.surface import Surface
 from scenes.motion.frames import rotations
 from scenes.motion.waypoints import Number, Vector, Waypoints, clock, moment
 from scenes.sdf.bake import Bake, bake
+from scenes.sdf.exact import signed_distance
 from scenes.sdf.field import DistanceField
-from scenes.sdf.free_space import Rule, decide, signed_distance
+from scenes.sdf.free_space import Sides, decide
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.settings import Cache, check_resolution
 
@@ -196,6 +197,10 @@ class MovingObject:
         assert not isinstance(self.shape, Mesh | Bake)
         return self.shape
 
+    def _grid(self) -> SdfGrid:
+        assert isinstance(self.field, SdfGrid)
+        return self.field
+
     @property
     def lipschitz(self) -> float:
         """The most by which `distance` changes over a metre, m/m: what its own field states, 1 for exact distances."""
@@ -238,13 +243,13 @@ class MovingObject:
         when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
         local = self.local(torch.from_numpy(np.ascontiguousarray(points)), when)
         if isinstance(self.shape, Mesh | Bake | SdfGrid):
-            return signed_distance(*self._surface, np.ascontiguousarray(local.numpy()))
+            return signed_distance(self._sides, np.ascontiguousarray(local.numpy()), self._grid)
         return self.shape.distance(local).numpy()
 
     @cached_property
-    def _surface(self) -> tuple[Surface, Rule]:
+    def _sides(self) -> Sides:
         surface = Surface.of(self.solid)
-        return surface, decide(surface, "outside", surface.bounds, self.name)
+        return decide(surface, "outside", surface.bounds, self.name)
 
     def mesh(self, time: Number = 0.0) -> Mesh:
         """Its triangles where they are at `time` (s), world metres."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Sequence
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
+from itertools import chain
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -20,8 +21,9 @@ from scenes.mesh.primitives import Capsule, Plane, Primitive, Sphere
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.bake_blocks import bake_blocks
+from scenes.sdf.exact import signed_distance
 from scenes.sdf.field import DistanceField
-from scenes.sdf.free_space import Rule, decide, signed_distance
+from scenes.sdf.free_space import Sides, decide
 from scenes.sdf.lattice import Lattice, padded
 from scenes.sdf.settings import BakeOptions, BakeSettings, FreeSpace
 from scenes.world.floor.ground import Floor, find_floor
@@ -127,8 +129,9 @@ class Scene:
     def distance_exact(self, points: np.ndarray, time: np.ndarray | float | None = None) -> np.ndarray:
         """Signed distance (m) from the triangles themselves: the oracle that scores motions.
 
-        Slow and independent of every grid: libigl's point-to-mesh distance with the sign of the winding number under
-        the bake's rule; primitives and the floor are analytic; objects are met where they are at each point's time.
+        Slow, and as far as meshes are closed independent of every grid: libigl's point-to-mesh distance with signs as
+        `scenes.sdf.exact` finds them; primitives and the floor are analytic; objects are met where they are at each
+        point's time.
 
         Args:
             points: ``[n, 3]`` metres, world.
@@ -145,22 +148,24 @@ class Scene:
         tensor = torch.from_numpy(np.ascontiguousarray(points))
         when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
         results = [shape.distance(tensor, when).numpy() for shape in (*self.primitives, *self.planes)]
-        for surface, rule, walls in self._surfaces:
-            results.append(signed_distance(surface, rule, points))
+        for number, (sides, walls) in enumerate(self._surfaces):
+            results.append(signed_distance(sides, points, partial(self._grid, number)))
             if walls is not None:
                 results.append(walls.unsigned_distance(points) - self.baking.thickness / 2)
         results += [thing.distance_exact(points, time) for thing in self.objects]
         nearest: np.ndarray = np.minimum.reduce(results)
         return nearest
 
+    def _grid(self, number: int) -> Any:
+        return self.bakes[number].grid
+
     @cached_property
-    def _surfaces(self) -> tuple[tuple[Surface, Rule, Surface | None], ...]:
+    def _surfaces(self) -> tuple[tuple[Sides, Surface | None], ...]:
         """Every mesh cleaned, which of its space is free, and its walls that are given a thickness."""
         found = []
         for mesh in self.meshes:
-            surface = Surface.of(mesh)
-            rule = decide(surface, self._free_space_of(mesh), padded(mesh.bounds, self.padding), mesh.name)
-            found.append((surface, rule, thin_walls(surface, self.baking.thickness)))
+            sides = decide(Surface.of(mesh), self._free_space_of(mesh), padded(mesh.bounds, self.padding), mesh.name)
+            found.append((sides, thin_walls(sides.surface, self.baking.thickness)))
         return tuple(found)
 
     def _free_space_of(self, mesh: Mesh) -> FreeSpace:
@@ -227,7 +232,8 @@ class Scene:
         """What may be wrong with the scene as it was read and baked, one sentence each; bakes as `report` does."""
         meshes = [*self.meshes, *(thing.shape for thing in self.objects if isinstance(thing.shape, Mesh))]
         bakes = [*self.bakes, *(thing.bake for thing in self.objects if thing.bake is not None)]
-        return tuple(dict.fromkeys(doubt for thing in (*meshes, *bakes) for doubt in thing.doubts))
+        found = [*(mesh.doubts for mesh in meshes), *(bake.doubts for bake in bakes)]
+        return tuple(dict.fromkeys(chain.from_iterable(found)))
 
     def __repr__(self) -> str:
         counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"

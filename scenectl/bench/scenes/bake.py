@@ -21,9 +21,9 @@ from scenectl.bench.scenes.peers import OURS, TOOLS, Cube, Run, store, timed
 from scenectl.generators.base import Progress
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.surface import Surface
 from scenes.sdf.accuracy import Accuracy, Oracle
-from scenes.sdf.free_space import Rule, decide
+from scenes.sdf.bake import sided
+from scenes.sdf.free_space import Sides
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
 from scenes.sdf.settings import check_resolution
@@ -121,9 +121,8 @@ class Contest:
 
     Attributes:
         mesh: the triangles.
-        surface: the same, cleaned.
         lattice: the cube of nodes.
-        rule: which space is free.
+        sides: the same, cleaned, and which space is free.
         oracle: the truth at some nodes.
         folder: where the cube and the grids lie for a while.
         runs: of each tool, in order.
@@ -131,9 +130,8 @@ class Contest:
     """
 
     mesh: Mesh
-    surface: Surface
     lattice: Lattice
-    rule: Rule
+    sides: Sides
     oracle: Oracle
     folder: Path
     runs: dict[str, list[Run]]
@@ -142,12 +140,11 @@ class Contest:
     @classmethod
     def of(cls, mesh: Mesh, resolution: int, folder: Path) -> Contest:
         """Ask the oracle, and put the cube where the tools find it."""
-        surface = Surface.of(mesh)
         lattice = Lattice.cube(mesh.bounds, resolution, PADDING)
         middle = lattice.bounds.mean(axis=0)
         store(Cube(mesh.vertices - middle, mesh.faces, lattice.spacing, resolution), folder / "cube.npz")
-        rule = decide(surface, "auto", lattice.bounds, mesh.name)
-        return cls(mesh, surface, lattice, rule, Oracle.of(surface, lattice, SAMPLES), folder, {}, {})
+        sides = sided(mesh, "auto", lattice)
+        return cls(mesh, lattice, sides, Oracle.of(sides, lattice, SAMPLES), folder, {}, {})
 
     def run(self, tool: str, timeout: float | int) -> Run | None:
         """Bake once more; None where the tool has failed before, because then it would again."""
@@ -164,12 +161,11 @@ class Contest:
 
     def _judged(self, tool: str, values: np.ndarray) -> Accuracy:
         """Accuracy of a grid; others' may have either sign throughout, as they know no free-space rule."""
-        free = (self.rule.low, self.rule.high)
         origin = torch.tensor(self.lattice.origin, dtype=torch.float64)
-        found = self.oracle.judge(SdfGrid(torch.from_numpy(values), origin, self.lattice.spacing), free)
+        found = self.oracle.judge(SdfGrid(torch.from_numpy(values), origin, self.lattice.spacing))
         if tool == OURS:
             return found
-        turned = self.oracle.judge(SdfGrid(torch.from_numpy(-values), origin, self.lattice.spacing), free)
+        turned = self.oracle.judge(SdfGrid(torch.from_numpy(-values), origin, self.lattice.spacing))
         return replace(found, sign_errors=min(found.sign_errors, turned.sign_errors))
 
     def row(self, tool: str) -> Row:
@@ -187,8 +183,8 @@ class Contest:
             **figures,
             "base_mb": _median([run.base_mb for run in runs]),
             "triangles": len(self.mesh.faces),
-            "kind": self.surface.kind,
-            "rule": self.rule.name,
+            "kind": self.sides.surface.kind,
+            "rule": self.sides.rule.name,
             "runs": len([run for run in runs if not run.note]),
             "note": next((run.note for run in runs if run.note), ""),
             "each": [asdict(run) for run in runs],

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from scenes.mesh.primitives import Sphere
-from scenes.mesh.surface import Surface
 from scenes.sdf import accuracy
 from scenes.sdf.accuracy import Oracle, impossible_flips
+from scenes.sdf.bake import sided
 from scenes.sdf.grid import SdfGrid
 from scenes.sdf.lattice import Lattice
 
@@ -31,22 +31,21 @@ def test_flips_are_counted_slab_by_slab_as_all_at_once(layers: int) -> None:
 
 
 def test_the_oracle_looks_near_the_surface_and_everywhere() -> None:
-    surface = Surface.of(Sphere((1, 2, 3), 0.8).mesh())
-    lattice = Lattice.cube(surface.bounds, 40, 0.2)
-    oracle = Oracle.of(surface, lattice, samples=2000)
+    mesh = Sphere((1, 2, 3), 0.8).mesh()
+    lattice = Lattice.cube(mesh.bounds, 40, 0.2)
+    oracle = Oracle.of(sided(mesh, "auto", lattice), lattice, samples=2000)
     points = lattice.nodes_at(oracle.nodes)
     radius = np.linalg.norm(points - [1, 2, 3], axis=1)
     assert np.abs(oracle.distance - np.abs(radius - 0.8)).max() < 0.02
-    assert ((oracle.winding > 0.5) == (radius < 0.8))[np.abs(radius - 0.8) > 0.02].all()
+    assert (oracle.free == (radius > 0.8))[np.abs(radius - 0.8) > 0.02].all()
     near = np.abs(radius - 0.8) < 2 * lattice.spacing
     assert near.sum() > 600 and (~near).sum() > 600
 
 
 def test_values_that_are_no_numbers_are_infinitely_wrong() -> None:
-    surface = Surface.of(Sphere((0, 0, 0), 1.0).mesh())
-    lattice = Lattice.cube(surface.bounds, 12, 0.2)
-    found = Oracle.of(surface, lattice, 500).judge(
+    mesh = Sphere((0, 0, 0), 1.0).mesh()
+    lattice = Lattice.cube(mesh.bounds, 12, 0.2)
+    found = Oracle.of(sided(mesh, "auto", lattice), lattice, 500).judge(
         accuracy.SdfGrid(torch.full((12, 12, 12), torch.nan), torch.tensor(lattice.origin).double(), lattice.spacing),
-        (-0.5, 0.5),
     )
     assert found.near_error_voxels == found.far_error_voxels == np.inf

@@ -1,0 +1,90 @@
+"""What several closed pieces enclose together: where they overlap or touch, no surface lies between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
+Triangles = tuple[np.ndarray, np.ndarray]
+"""Vertices ``[V, 3]`` and faces ``[F, 3]``."""
+
+SAME = 1e-9
+"""Share of its area by which a union may differ from its parts and still be nothing but these."""
+
+
+def united(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> tuple[list[np.ndarray], list[Triangles]]:
+    """Solids that overlap or touch, as their unions, through manifold3d.
+
+    Args:
+        vertices: of all, ``[V, 3]``.
+        solids: triangles of each, closed and facing outward, ``[F, 3]``.
+
+    Returns:
+        The solids that stay as they are, among them those that manifold3d refuses, and the unions of the others.
+    """
+    kept: list[np.ndarray] = []
+    unions: list[Triangles] = []
+    for group in _groups(vertices, solids):
+        known = {i: solid for i in group if len(group) > 1 and (solid := manifold(vertices, solids[i])) is not None}
+        whole = reduce(lambda a, b: a + b, known.values()) if len(known) > 1 else None
+        if whole is None or _same(whole.surface_area(), sum(solid.surface_area() for solid in known.values())):
+            kept += [solids[i] for i in group]
+            continue
+        kept += [solids[i] for i in group if i not in known]
+        unions.append(triangles(whole))
+    return kept, unions
+
+
+def carved(vertices: np.ndarray, shell: np.ndarray, solids: Sequence[Manifold]) -> Triangles | None:
+    """The air that a shell encloses, less solids that touch or cross it; None where none does, or none can be known.
+
+    `shell` is closed and faces outward, and so does what is returned.
+    """
+    room = manifold(vertices, shell)
+    if room is None or not solids:
+        return None
+    air = reduce(lambda a, b: a - b, solids, room)
+    if air.is_empty() or _same(air.surface_area(), room.surface_area() + sum(s.surface_area() for s in solids)):
+        return None
+    return triangles(air)
+
+
+def manifold(vertices: np.ndarray, faces: np.ndarray) -> Manifold | None:
+    """Closed triangles that face outward as manifold3d takes them; None where it refuses them."""
+    import manifold3d
+
+    used, own = np.unique(faces, return_inverse=True)
+    mesh = manifold3d.Mesh64(vertices[used], own.reshape(-1, 3).astype(np.uint64))
+    solid = manifold3d.Manifold(mesh)
+    return solid if solid.status() == manifold3d.Error.NoError and solid.volume() > 0 else None
+
+
+def triangles(solid: Manifold) -> Triangles:
+    """The surface of a solid."""
+    mesh = solid.to_mesh64()
+    return np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts).astype(np.int32)
+
+
+def _same(area: float, parts: float) -> bool:
+    return abs(area - parts) <= SAME * parts
+
+
+def _groups(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[list[int]]:
+    """Solids whose bounds meet, directly or through others."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    if not solids:
+        return []
+    low, high = (np.array([edge(vertices[s.reshape(-1)], axis=0) for s in solids]) for edge in (np.min, np.max))
+    meet = np.ones((len(solids), len(solids)), dtype=bool)
+    for axis in range(3):
+        meet &= low[:, None, axis] <= high[None, :, axis]
+    number = connected_components(coo_matrix(meet & meet.T), directed=False)[1]
+    return [np.flatnonzero(number == n).tolist() for n in range(int(number.max()) + 1)]

@@ -1,0 +1,94 @@
+"""What speaks for a room where windings alone do not say: which way sheets face, and where a person could stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.mesh.surface import Surface
+
+STANDING = 1.8
+"""Metres of air that a person needs to stand upright, as `scenes.world.floor.planning.free_area` takes it."""
+
+ROOM = 6.5
+"""Square metres of standing room from which on what is enclosed may be a room: the least that the International
+Residential Code (R304.1) allows habitable ones."""
+
+_COLUMNS = 16  # along the longer side
+_STEP = 0.2  # metres between the heights that are asked for
+_SEAT, _SILL = 0.2, 1.3  # heights of furniture above the floor, metres
+_FURNISHED = 0.03  # share of the columns that end on furniture; in the scans of the project a fifth and more
+_REST = 0.25  # share of what can be stood on inside up to which what lies outside does not count
+
+
+@dataclass(frozen=True)
+class Room:
+    """How much of what a surface encloses could be a room.
+
+    Attributes:
+        standing: m² on which a person could stand inside.
+        outside: m² between the parts of the mesh on which one could stand outside.
+        furnished: share of the columns inside that end between seat and sill above the floor.
+    """
+
+    standing: float = 0.0
+    outside: float = 0.0
+    furnished: float = 0.0
+
+    @property
+    def likely(self) -> bool:
+        """There is room inside, and hardly any outside."""
+        return self.standing >= ROOM and self.outside < _REST * self.standing
+
+    @property
+    def certain(self) -> bool:
+        """Furniture stands in it, besides."""
+        return self.likely and self.furnished >= _FURNISHED
+
+
+def room_inside(surface: Surface) -> Room:
+    """Look along vertical lines for what is enclosed as a solid is: winding number over 1/2."""
+    low, high = surface.bounds
+    size = high - low
+    if size[1] < STANDING or size[0] * size[2] < ROOM:
+        return Room()
+    cell = float(max(size[0], size[2])) / _COLUMNS
+    x, z = (np.arange(low[k] + cell / 2, high[k], cell) for k in (0, 2))
+    y = np.arange(low[1] + _STEP / 2, high[1], _STEP)
+    across, along, up = np.meshgrid(x, z, y, indexing="ij")
+    points = np.stack([across, up, along], axis=-1).reshape(-1, 3)
+    winding = surface.dipoles.at(points - surface.centre)
+    within = winding.reshape(-1, len(y)) > 0.5
+    tall, bottom = _longest(within)
+    stands = tall * _STEP >= STANDING - _STEP / 2
+    if not stands.any():
+        return Room()
+    floor = np.median(bottom[stands])
+    above = (bottom - floor) * _STEP
+    furnished = (above > _SEAT) & (above < _SILL) & (tall * _STEP >= STANDING - _SILL)
+    beside, under = _longest(~within & (np.cumsum(within, axis=1) > 0))
+    outside = (beside * _STEP >= STANDING - _STEP / 2) & (under > 0)
+    return Room(float(stands.sum()) * cell**2, float(outside.sum()) * cell**2, float(furnished.mean()))
+
+
+def _longest(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Length of the longest run of True in each row, and where it begins."""
+    run, best, first = (np.zeros(len(rows), dtype=int) for _ in range(3))
+    for step in range(rows.shape[1]):
+        run = np.where(rows[:, step], run + 1, 0)
+        longer = run > best
+        first[longer] = step + 1 - run[longer]
+        best = np.maximum(best, run)
+    return best, first
+
+
+def in_front(surface: Surface, samples: int = 512) -> float:
+    """Median winding number just in front of points spread evenly over the surface."""
+    rng = np.random.default_rng(0)
+    chosen = surface.by_area(samples, rng)
+    corners = surface.vertices[surface.faces[chosen]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    step = 1e-4 * float(np.ptp(surface.bounds, axis=0).max())
+    return float(np.median(surface.dipoles.at(surface.points_on(chosen, rng) + step * normals)))

@@ -1,0 +1,70 @@
+"""Signed distances from the triangles themselves: the oracle that scores motions.
+
+What lies in closed pieces their winding numbers say, exactly and independent of any grid. Before open pieces they
+cannot: there sides are what the bake found with all its evidence, carried to a point by where it can be reached from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import torch
+
+from scenes.mesh.surface import Surface
+from scenes.sdf.blocks import SdfBlocks
+from scenes.sdf.free_space import Sides
+from scenes.sdf.grid import SdfGrid
+
+Baked: TypeAlias = SdfGrid | SdfBlocks
+
+REACHES = (2.0, 1.0, 0.5)
+"""Voxels from the surface at which a point's side is looked up: where the grid is sure, and nearer in narrow gaps."""
+
+
+def signed_distance(sides: Sides, points: np.ndarray, baked: Callable[[], Baked]) -> np.ndarray:
+    """Exact distance (m) to the triangles, positive in free space.
+
+    Args:
+        sides: the triangles, and what is free about them.
+        points: ``[n, 3]`` float64 metres, world.
+        baked: gives what was baked from them; asked for sides before open pieces, never for distances.
+    """
+    unsigned = sides.surface.unsigned_distance(points)
+    free = sides.out_of_solids(points)
+    if sides.sheets is not None:
+        open_to = np.flatnonzero(free)
+        free[open_to] = _before_sheets(sides, sides.sheets, points[open_to], unsigned[open_to], baked())
+    return np.where(free, unsigned, -unsigned)
+
+
+def _before_sheets(sides: Sides, sheets: Surface, points: np.ndarray, unsigned: np.ndarray, field: Baked) -> np.ndarray:
+    """Which points are free, out of solids: as the nodes around them, or near a surface as a place farther from it.
+
+    Between a point and that place the winding number changes by whole numbers where surfaces lie between them.
+    """
+    free = _baked_free(field, points)
+    near = np.flatnonzero(unsigned <= np.sqrt(3.0) * field.spacing)
+    if len(near) == 0:
+        return free
+    here, surface = points[near], sides.surface.closest(points[near])
+    away = here - surface
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+    winding, settled = sheets.winding_fast(here), np.zeros(len(near), dtype=bool)
+    for reach in REACHES:
+        there = surface + reach * field.spacing * away
+        crossed = np.rint(sheets.winding_fast(there) - winding).astype(int)
+        clear = (crossed == 0) & sides.out_of_solids(there) & ~settled
+        label = _baked_free(field, there)
+        if reach == REACHES[0]:  # where no way there is open, a surface in between turns the answer
+            turns = (crossed % 2 == 1) & (sheets.nearly_closed | sides.rule.inward)
+            free[near] = np.where(turns, ~label, label)
+        free[near[clear]] = label[clear]
+        settled |= clear
+    return free
+
+
+def _baked_free(field: Baked, points: np.ndarray) -> np.ndarray:
+    with torch.no_grad():
+        return np.asarray(field.distance(torch.from_numpy(np.ascontiguousarray(points))) > 0)

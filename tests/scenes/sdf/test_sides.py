@@ -1,0 +1,275 @@
+"""One truth for signs: the grid, the scorer and the seed agree with the shape, whichever way triangles are wound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings, strategies as st
+
+from scenes.errors import UserError
+from scenes.mesh.csg import csg
+from scenes.mesh.mesh import Mesh, joined, load_mesh
+from scenes.mesh.pieces import Pieces
+from scenes.mesh.primitives import Box
+from scenes.mesh.surface import Surface
+from scenes.sdf.bake import bake
+from scenes.world.moving import MovingObject, Trajectory
+from scenes.world.scene import Scene
+
+ROOM = Box((2.5, 1.3, 2.0), (5.0, 2.6, 4.0))
+TABLE = Box((2.0, 0.5, 2.0), (1.0, 0.6, 0.7))
+CRATE = Box((4.0, 0.4, 1.0), (0.8, 0.8, 0.8), yaw=0.3)
+AIR = (1.0, 1.5, 1.0)
+POINTS = np.random.default_rng(5).uniform((-0.09, -0.09, -0.09), (5.09, 2.69, 4.09), (400, 3))
+
+
+def together(*meshes: Mesh) -> Mesh:
+    return Mesh(*joined([(mesh.vertices, mesh.faces) for mesh in meshes]), "together")
+
+
+def inverted(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, mesh.faces[:, ::-1], mesh.name)
+
+
+def turned(mesh: Mesh, which: np.ndarray) -> Mesh:
+    faces = mesh.faces.copy()
+    faces[which] = faces[which][:, ::-1]
+    return Mesh(mesh.vertices, faces, mesh.name)
+
+
+def fine(box: Box, size: float = 0.5) -> Mesh:
+    import trimesh
+
+    solid = box.mesh()
+    whole = trimesh.Trimesh(solid.vertices, solid.faces).subdivide_to_size(size)
+    return Mesh(whole.vertices, whole.faces, "fine")
+
+
+def without(mesh: Mesh, axis: int, value: float) -> Mesh:
+    on = (np.abs(mesh.triangles[:, :, axis] - value) < 1e-9).all(axis=1)
+    assert on.any()
+    return Mesh(mesh.vertices, mesh.faces[~on], mesh.name)
+
+
+def free_in(points: np.ndarray, *solids: Box, room: Box | None = ROOM) -> np.ndarray:
+    """Signed distance of the analytic shapes, positive in free space."""
+    where = torch.from_numpy(points)
+    parts = [solid.distance(where) for solid in solids] + ([] if room is None else [-room.distance(where)])
+    return torch.stack(parts).amin(0).numpy()
+
+
+def assert_free(scene: Scene, expected: np.ndarray, points: np.ndarray = POINTS, clear: float = 0.06) -> None:
+    """Grid and scorer say free exactly where `expected` is positive, as far as it is clear of surfaces (m)."""
+    sure = np.abs(expected) > clear
+    assert sure.mean() > 0.3
+    grid, exact = scene.distance(torch.from_numpy(points)).numpy(), scene.distance_exact(points)
+    assert ((grid > 0) == (expected > 0))[sure].all(), "grid"
+    assert ((exact > 0) == (expected > 0))[np.abs(expected) > min(clear, 0.01)].all(), "scorer"
+
+
+def scene_of(*meshes: Mesh, **baking: object) -> Scene:
+    return Scene([together(*meshes)], cache=None, resolution=64, **baking)  # type: ignore[arg-type]
+
+
+# -------------------------------------------------------------------------------------------------- windings of rooms
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.33), st.booleans(), st.booleans())
+@settings(max_examples=12, deadline=None)
+def test_rooms_with_triangles_turned_at_random(seed: int, share: float, whole: bool, open_: bool) -> None:
+    rng = np.random.default_rng(seed)
+    room = inverted(fine(ROOM, 0.9))
+    if open_:
+        room = without(room, 1, 2.6)
+    room = turned(room, rng.random(len(room.faces)) < share)
+    table = inverted(TABLE.mesh()) if whole else turned(TABLE.mesh(), rng.permutation(12) < 12 * share)
+    scene = scene_of(room, table)
+    below = POINTS[:, 1] < 2.4 if open_ else np.ones(len(POINTS), dtype=bool)
+    assert_free(scene, free_in(POINTS, TABLE)[below], POINTS[below])
+    assert any("face against their neighbours" in doubt for doubt in scene.doubts)
+    assert any("faces inward in free space" in doubt for doubt in scene.doubts) == whole
+
+
+@pytest.mark.parametrize("wall", [(n,) for n in range(6)] + [(0, 1), (1, 5)])
+def test_a_wall_that_shares_no_corner_may_face_either_way(wall: tuple[int, ...]) -> None:
+    # walls fall short of each other by millimetres, so that no shared edge tells which way they belong
+    walls = []
+    for number in range(6):
+        part = inverted(fine(ROOM, 0.5 + 0.37 * number))
+        axis, value = number % 3, float(ROOM.mesh().bounds[number // 3, number % 3])
+        on = (np.abs(part.triangles[:, :, axis] - value) < 1e-9).all(axis=1)
+        middle = part.triangles[on].reshape(-1, 3).mean(axis=0)
+        own = Mesh(middle + 0.999 * (part.vertices - middle), part.faces[on])
+        walls.append(inverted(own) if number in wall else own)
+    scene = scene_of(*walls, TABLE.mesh())
+    assert_free(scene, free_in(POINTS, TABLE), clear=0.1)
+    assert any("face against their neighbours" in doubt for doubt in scene.doubts)
+
+
+def test_a_reversed_room_is_the_same_room_or_in_doubt() -> None:
+    bare = scene_of(ROOM.mesh())
+    assert bare.bakes[0].rule == "outside" and any("standing room" in doubt for doubt in bare.doubts)
+    assert_free(scene_of(ROOM.mesh(), free_space=AIR), free_in(POINTS))
+    assert_free(scene_of(ROOM.mesh(), inverted(TABLE.mesh()), free_space=AIR), free_in(POINTS, TABLE))
+    dented = csg("difference", ROOM, Box((2.0, 0.2, 2.0), (1.5, 1.0, 1.5)))  # furniture as scans have it: of one piece
+    found = scene_of(dented)
+    assert found.bakes[0].inward and any("turned inside out" in doubt for doubt in found.doubts)
+    assert_free(found, free_in(POINTS, Box((2.0, 0.2, 2.0), (1.5, 1.0, 1.5))))
+    assert not scene_of(Box((0, 0.5, 0), (4, 1, 4)).mesh()).doubts  # a platform has no room inside
+
+
+@pytest.mark.parametrize("gone", [((1, 2.6),), ((1, 2.6), (0, 0.0)), ((0, 5.0),)])
+@pytest.mark.parametrize("free_space", ["auto", AIR])
+def test_a_room_that_is_cut_open(gone: tuple[tuple[int, float], ...], free_space: object) -> None:
+    shell = inverted(fine(ROOM))
+    for axis, value in gone:
+        shell = without(shell, axis, value)
+    scene = scene_of(shell, TABLE.mesh(), inverted(CRATE.mesh()), free_space=free_space)
+    expected = free_in(POINTS, TABLE, CRATE)
+    inside = np.ones(len(POINTS), dtype=bool)
+    for axis, value in gone:  # what lies before an opening may be either
+        inside &= np.abs(POINTS[:, axis] - value) > 0.3
+    assert_free(scene, expected[inside], POINTS[inside])
+
+
+# ------------------------------------------------------------------------------------------------------------- solids
+
+
+@given(
+    st.lists(
+        st.tuples(*[st.floats(-0.8, 0.8)] * 3, *[st.floats(0.2, 1.4)] * 3, st.floats(0, 3), st.booleans()),
+        min_size=1,
+        max_size=5,
+    )
+)
+@settings(max_examples=12, deadline=None)
+def test_overlapping_solids_are_their_union_however_they_face(heap: list[tuple[float, ...]]) -> None:
+    boxes = [Box(values[:3], values[3:6], values[6]) for values in heap]
+    some = [box.mesh() if values[7] else inverted(box.mesh()) for box, values in zip(boxes, heap, strict=True)]
+    some = [*some, Box((0, -3, 0), (6, 0.5, 6)).mesh()]  # they lie over a slab, so that they are no rooms
+    scene = Scene([together(*some)], cache=None, resolution=24, free_space="outside")
+    points = np.random.default_rng(0).uniform(-1.2, 1.2, (200, 3))
+    union = Scene([csg("union", *boxes)], cache=None, resolution=24)
+    exact, expected = scene.distance_exact(points), union.distance_exact(points)
+    near = np.abs(expected) < 0.9  # nearer than the slab
+    assert np.abs(exact - expected)[near].max() < 1e-6
+
+
+def test_depth_and_gradient_in_nested_solids() -> None:
+    scene = Scene([together(Box((0, 0, 0), (2, 2, 2)).mesh(), Box((0, 0, 0), (0.4, 0.4, 0.4)).mesh())], cache=None)
+    points = torch.tensor([[0.3, 0.1, 0.0], [0.0, 0.0, -0.6], [0.1, 0.85, 0.0]], dtype=torch.float64).requires_grad_()
+    depth = scene.distance(points)
+    assert depth.tolist() == pytest.approx([-0.7, -0.4, -0.15], abs=2e-3)
+    (gradient,) = torch.autograd.grad(depth.sum(), points)
+    assert torch.allclose(gradient, torch.tensor([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).double(), atol=1e-3)
+
+
+def test_touching_solids_have_no_surface_between_them() -> None:
+    blocks = [Box((x, 0.5, z), (1, 1, 1)).mesh() for x in range(3) for z in range(3)]
+    pieces = Pieces.of(Surface.of(together(*blocks)))
+    assert pieces.closed.all() and len(pieces.closed) == 9  # their corners are shared, and they are nine solids still
+    scene = Scene([together(*blocks)], cache=None, resolution=64)
+    assert scene.distance_exact(np.array([[1.0, 0.5, 1.0], [0.5, 0.5, 0.5]])).tolist() == pytest.approx([-0.5, -0.5])
+
+
+def test_hollows_stay_hollow_and_what_lies_in_them_solid() -> None:
+    outer, hollow, kernel = (Box((0, 0, 0), (size, size, size)) for size in (2.0, 1.6, 0.5))
+    scene = Scene([together(outer.mesh(), inverted(hollow.mesh()), kernel.mesh())], cache=None, resolution=48)
+    points = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.9, 0, 0], [1.05, 0, 0]])
+    assert scene.distance_exact(points).tolist() == pytest.approx([-0.25, 0.25, -0.1, 0.05])
+    assert np.sign(scene.distance(torch.from_numpy(points)).numpy()).tolist() == [-1, 1, -1, 1]
+
+
+@pytest.mark.parametrize("facing", [1, -1])
+def test_furniture_on_a_floor_with_walls_is_solid(facing: int) -> None:
+    # In the corner of a floor and two walls the winding number is -0.6, which a solid's own 1 does not lift over 1/2.
+    shell = inverted(fine(ROOM))
+    for axis, value in ((1, 2.6), (0, 5.0), (2, 4.0)):
+        shell = without(shell, axis, value)
+    corner = Box((0.6, 0.5, 0.6), (0.8, 0.8, 0.8)).mesh()
+    scene = scene_of(shell, corner if facing > 0 else inverted(corner))
+    assert scene.bakes[0].rule == "outside"
+    where = np.array([[0.6, 0.5, 0.6], [0.6, 1.5, 0.6]])
+    assert np.sign(scene.distance_exact(where)).tolist() == [-1, 1]
+    assert np.sign(scene.distance(torch.from_numpy(where)).numpy()).tolist() == [-1, 1]
+
+
+def test_a_moving_thing_turned_inside_out_is_solid() -> None:
+    way = Trajectory((0.0,), ((0.0, 0.0, 0.0),))
+    things = [MovingObject(mesh, way, cache=None) for mesh in (CRATE.mesh(), inverted(CRATE.mesh()))]
+    points = np.random.default_rng(1).uniform((3, -0.2, 0), (5, 1, 2), (200, 3))
+    assert np.allclose(*(thing.distance_exact(points) for thing in things))
+    assert things[0].distance_exact(np.array([CRATE.center]))[0] == pytest.approx(-0.4)
+
+
+# -------------------------------------------------------------------------------------------------------------- seeds
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=15, deadline=None)
+def test_a_seed_is_always_free(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    room = inverted(fine(ROOM, 0.9))
+    room = Mesh(room.vertices, room.faces[rng.random(len(room.faces)) > 0.3][:, :: rng.choice([1, -1])])
+    things = [TABLE.mesh(), inverted(CRATE.mesh()), room][: int(rng.integers(1, 4))]
+    mesh = together(*things)
+    point = rng.uniform(*mesh.bounds)
+    try:
+        scene = Scene([mesh], cache=None, resolution=48, free_space=tuple(point))
+        exact = scene.distance_exact(point[None])[0]
+    except UserError as error:
+        assert "lies on a surface" in str(error)
+        return
+    assert exact > 0
+    if exact > scene.bakes[0].grid.spacing:
+        assert float(scene.distance(torch.from_numpy(point))) > 0
+
+
+def test_a_mesh_that_leaves_nothing_free_is_refused_and_one_without_inside_is_in_doubt() -> None:
+    floor = without(without(inverted(fine(ROOM)), 1, 2.6), 0, 5.0)
+    for axis, value in ((0, 0.0), (2, 0.0), (2, 4.0)):
+        floor = without(floor, axis, value)
+    assert any("encloses nothing" in doubt for doubt in bake(floor, 32, cache=None).doubts)
+    thin = Box((0, 0, 0), (0.3, 0.3, 0.3))
+    with pytest.raises(UserError, match="leaves no free space"):
+        bake(inverted(thin.mesh()), 8, padding=2.0, cache=None)
+
+
+# ------------------------------------------------------------------------------------------------------- shared cases
+
+
+def test_shared_cases_of_signs(shared: Path) -> None:
+    cases = shared / "cases" / "geometry"
+    nested = Scene([load_mesh(cases / "overlapping_solids/nested.ply")], cache=None)
+    points = np.array([[1, 1, 1.0], [1, 1, 0.8], [1, 1, 0.4]])
+    assert nested.distance_exact(points).tolist() == pytest.approx([-1, -0.8, -0.4], abs=1e-6)
+    assert nested.distance(torch.from_numpy(points)).tolist() == pytest.approx([-1, -0.8, -0.4], abs=0.01)
+    flipped = Scene([load_mesh(cases / "flipped_wall_oracle/wallflip.ply")], cache=None, resolution=64)
+    assert_free(flipped, free_in(POINTS))
+    for rule in ("auto", (2.5, 1.0, 2.0)):
+        dollhouse = Scene([load_mesh(cases / "dollhouse/dollhouse.ply")], cache=None, free_space=rule)
+        where = np.array([[2.5, 1.0, 2.0], [4.9, 0.1, 0.1], [2.5, -0.05, 2.0]])
+        assert np.sign(dollhouse.distance_exact(where)).tolist() == [1, 1, -1]
+        assert np.sign(dollhouse.distance(torch.from_numpy(where)).numpy()).tolist() == [1, 1, -1]
+    backward = load_mesh(cases / "reversed_room/reversed.ply")
+    assert any("standing room" in doubt for doubt in bake(backward, 64, cache=None).doubts)
+    assert_free(Scene([backward], cache=None, resolution=64, free_space=(2.5, 1.3, 2.0)), free_in(POINTS))
+
+
+@pytest.mark.parametrize("name", ["living_room", "office_large"])
+def test_scans_are_the_same_room_whichever_way_they_face(shared: Path, name: str) -> None:
+    mesh = load_mesh(shared / "data" / "meshes" / f"{name}.ply")
+    ceiling = mesh.triangles[:, :, 1].mean(axis=1) > mesh.bounds[1, 1] - 0.3
+    wall = mesh.triangles[:, :, 0].mean(axis=1) < mesh.bounds[0, 0] + 0.25
+    plain = Scene([mesh], cache=None, resolution=96)
+    points = np.random.default_rng(0).uniform(mesh.bounds[0], mesh.bounds[1] - [0, 0.6, 0], (400, 3))
+    expected = plain.distance_exact(points)
+    cut = Mesh(mesh.vertices, mesh.faces[~ceiling], name)
+    for variant in (inverted(mesh), turned(mesh, wall), cut, inverted(cut)):
+        scene = Scene([variant], cache=None, resolution=96)
+        sure = np.abs(expected) > 2 * scene.bakes[0].grid.spacing
+        assert (np.sign(scene.distance_exact(points)) == np.sign(expected))[sure].mean() > 0.99
+        assert (np.sign(scene.distance(torch.from_numpy(points)).numpy()) == np.sign(expected))[sure].mean() > 0.99
