@@ -50,6 +50,8 @@ def told(file: str, kind: str) -> Iterator[None]:
             yield
     except UserError as error:
         raise UserError(f"{file} {error}") from error
+    except ImportError as error:
+        raise UserError(f"{file} needs the package '{error.name}' to be read; install scenectl again") from error
     except OSError as error:
         raise UserError(f"{file} cannot be read ({error.strerror or error})") from error
     except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError, struct.error) as error:
