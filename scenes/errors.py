@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
 class UserError(ValueError):
     """Bad input. Its text is one sentence for a person; the command line prints it and exits with 2."""
+
+
+@contextmanager
+def in_doubt(doubts: Iterable[str]) -> Iterator[None]:
+    """UserErrors inside say what was in doubt before, since that may be their cause."""
+    try:
+        yield
+    except UserError as error:
+        if known := "; ".join(doubts):
+            raise UserError(f"{error}; in doubt: {known}") from error
+        raise
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

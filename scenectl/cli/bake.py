@@ -10,7 +10,7 @@ import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import doubt, err, out
-from scenes.errors import UserError
+from scenes.errors import UserError, in_doubt
 
 if TYPE_CHECKING:
     from scenes.sdf.settings import FreeSpace
@@ -36,7 +36,7 @@ def bake(
     found = named_scene(
         scene, unit, up, resolution=resolution, free_space=_free_space(free_space), thickness=thickness, spacing=spacing
     )
-    with err.status("baking"):
+    with err.status("baking"), in_doubt(doubt for mesh in found.meshes for doubt in mesh.doubts):
         grids = [result.grid for result in found.bakes]
     _show_bake(found)
     where = "found in the mesh" if found.floor.found else "stated"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.console.console import err, literal, out, table
+from scenectl.console.console import doubt, err, literal, out, table
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def body(
         proxies = Proxies.load(file)
     else:
         rig, joints = load_character(file)
+        doubt(rig.doubts)
         with err.status("fitting"):
             proxies = fit_proxies(rig, coverage, max_capsules, joints)
     _show_proxies(proxies)

@@ -13,7 +13,7 @@ from objectives import Context, Objective
 from scenectl.generators.spec import Spec
 from scenectl.tasks.schema import Start, TaskTable, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
-from scenes.errors import UserError
+from scenes.errors import UserError, in_doubt
 from scenes.motion.motion import Motion, Pose2D
 from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import path_length
@@ -69,6 +69,11 @@ def plan(
         spec: of the generator, where it is not the one that the task names.
     """
     scene = task.load_scene() if scene is None else scene
+    with in_doubt(doubt for mesh in scene.meshes for doubt in mesh.doubts):
+        return _planned(task, seed, start, scene, spec)
+
+
+def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Scene, spec: Spec | None) -> Setup:
     spec = task.generator.family.spec if spec is None else spec
     body = task.load_body()
     context = Context(scene, body)

@@ -9,6 +9,7 @@ import numpy as np
 
 from scenes.body.body import ProxyBody
 from scenes.mesh.mesh import Mesh
+from scenes.mesh.scale import in_metres
 from scenes.mesh.surface import Surface
 
 if TYPE_CHECKING:
@@ -117,11 +118,18 @@ def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarr
 
     try:
         parts = [part for part in trimesh.load_scene(path, process=False).dump() if isinstance(part, trimesh.Trimesh)]
-        colours = [_colours_of(part) for part in parts if len(part.faces)]
+        parts = [part for part in parts if len(part.faces)]
+        centres = in_metres(np.concatenate([part.triangles_center for part in parts]), mesh.unit, mesh.up)
+        colours = np.concatenate([_colours_of(part) for part in parts])
     except Exception:  # colours are decoration: a file whose materials cannot be read is drawn in clay
         return plain
-    found = np.concatenate(colours) if colours else plain
-    return found if len(found) == len(plain) else plain
+    wanted = mesh.triangles.mean(axis=1)
+    if centres.shape == wanted.shape and np.allclose(centres, wanted, atol=1e-4):
+        return colours
+    # trimesh cuts polygons and orders faces in its own way: the nearest of its faces is the same or a neighbour
+    from scipy.spatial import cKDTree
+
+    return np.asarray(colours[cKDTree(centres).query(wanted)[1]])
 
 
 def _colours_of(part: Any) -> np.ndarray:

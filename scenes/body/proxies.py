@@ -19,9 +19,10 @@ from torch import Tensor
 from scenes.body.body import ProxyBody
 from scenes.body.capsules import SAMPLES, FittedCapsule, fit_capsule, inner_volume, quick_volume, sample_surface
 from scenes.body.fit import fit_body
-from scenes.body.rig import Part, Rig, used
+from scenes.body.rig import Part, Rig
 from scenes.errors import UserError
 from scenes.files import write_json
+from scenes.mesh.content import used
 from scenes.motion.skeleton import HUMANML3D
 from scenes.sdf.field import DistanceField
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
+from scenes.mesh.content import used
 from scenes.motion.frames import transform
 
 
@@ -49,6 +49,7 @@ class Rig:
         parents: index of each link's parent, -1 for roots.
         frames: rigid transform from each link to the world at rest, ``[L, 4, 4]``, metres, y up.
         parts: triangles of the links that have some, in the order of `links`.
+        doubts: what whoever gave the file should hear about how it was read, one sentence each.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Rig:
     parents: tuple[int, ...]
     frames: np.ndarray
     parts: tuple[Part, ...]
+    doubts: tuple[str, ...] = ()
 
     def index(self, link: str) -> int:
         """Index of a link; raises UserError naming the nearest known one."""
@@ -74,23 +76,3 @@ class Rig:
     def triangles(self) -> np.ndarray:
         """Corners of all triangles in the world at rest, ``[F, 3, 3]`` metres, part after part."""
         return np.concatenate([part.placed[part.faces] for part in self.parts])
-
-
-def used(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The vertices that triangles use, and the triangles between these."""
-    which, inverse = np.unique(faces, return_inverse=True)
-    return vertices[which], inverse.reshape(-1, 3)
-
-
-def tree_order(parents: Sequence[int]) -> list[int]:
-    """Indices so that parents precede children; raises ValueError where links go round in a ring."""
-    children: dict[int, list[int]] = {}
-    for link, parent in enumerate(parents):
-        children.setdefault(parent, []).append(link)
-    order, waiting = [], children.get(-1, [])[::-1]
-    while waiting:
-        order.append(waiting.pop())
-        waiting += children.get(order[-1], [])[::-1]
-    if len(order) < len(parents):
-        raise ValueError("links are each other's parents")
-    return order

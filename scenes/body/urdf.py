@@ -11,22 +11,34 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.body.rig import Part, Rig, tree_order
-from scenes.errors import UserError
-from scenes.mesh.mesh import joined
+from scenes.body.capsules import sample_surface
+from scenes.body.rig import Part, Rig
+from scenes.errors import UserError, did_you_mean
+from scenes.mesh.collada import read_collada
+from scenes.mesh.content import joined
+from scenes.mesh.mesh import Mesh
+from scenes.mesh.reading import READERS, read_content
+from scenes.mesh.surface import Surface
 from scenes.motion.frames import transform
+from scenes.motion.skeleton import tree_order
 
 Y_UP = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """From URDF's world (x forward, y left, z up) to ours (z forward, x left, y up)."""
+
+_APART = 0.01
+"""Metres beyond collision shapes that are told: a voxel of the finest room grids; simplified shapes differ by less."""
+_POINTS = 5000
+"""Points at which a visual shape is compared with collision shapes: 2 cm apart on a square metre."""
+_READERS = {**READERS, "dae": read_collada}
 
 
 def read_urdf(path: str | Path) -> Rig:
     """Read a robot from a URDF file, in metres, all joints at 0.
 
     A link's triangles are its collision shapes, or its visual ones where it has none; links without shapes have no
-    part. Links keep the frames of the file; the world is turned from z up to y up, the robot facing +z. Mesh files are
-    looked for beside the file: ``package://name/a/b.stl`` as ``name/a/b.stl`` or ``a/b.stl`` in its folder and those
-    above.
+    part. Visual shapes that reach beyond the collision shapes of their link are doubts of the rig. Links keep the
+    frames of the file; the world is turned from z up to y up, the robot facing +z. Mesh files are looked for beside the
+    file: ``package://name/a/b.stl`` as ``name/a/b.stl`` or ``a/b.stl`` in its folder and those above.
 
     Raises:
         UserError: no such file; not a URDF; a DOCTYPE (no URDF needs one, and it can make a small file huge); joints
@@ -64,12 +76,13 @@ def _rig(path: Path) -> Rig:
         frames[link] = (Y_UP if parents[link] < 0 else frames[parents[link]]) @ origins[link]
     elements = robot.findall("link")
     parts = [part for link in order if (part := _part(elements[link], frames[link], path.parent)) is not None]
+    doubts = [doubt for link in order if (doubt := _uncovered(elements[link], path.parent))]
     if not parts:
         raise UserError("has no collision or visual shapes; export it with its meshes")
     new = {old: index for index, old in enumerate(order)}
     above = tuple(new.get(parents[link], -1) for link in order)
     name = robot.get("name") or path.stem
-    return Rig(name, str(path), tuple(links[link] for link in order), above, frames[order], tuple(parts))
+    return Rig(name, str(path), tuple(links[link] for link in order), above, frames[order], tuple(parts), tuple(doubts))
 
 
 def _parsed(data: bytes) -> Element:
@@ -103,6 +116,38 @@ def _part(link: Element, frame: np.ndarray, folder: Path) -> Part | None:
     return Part.of(str(link.get("name")), frame, *joined(solids))
 
 
+def _uncovered(link: Element, folder: Path) -> str:
+    """A sentence on visual shapes that reach beyond the collision shapes of their link; "" where none does."""
+    seen, where = link.findall("visual"), f"link '{link.get('name')}'"
+    if not seen or not link.findall("collision"):
+        return ""
+    try:
+        surface = Surface.of(Mesh(*joined([_solid(shape, where, folder) for shape in link.findall("collision")])))
+        reaches = [_beyond(surface, *_solid(shape, where, folder)) for shape in seen]
+    except UserError as error:  # nobody needs what is only seen
+        return f"visual shapes of {where} were not compared with its collision shapes: the file {error}"
+    out = [index for index, (reach, _) in enumerate(reaches) if reach > _APART]
+    if not out:
+        return ""
+    names = [seen[index].get("name") or f"{seen[index].find('geometry')[0].tag} {index + 1}" for index in out]  # type: ignore[index]
+    reach, at = max((reaches[index] for index in out), key=lambda found: found[0])
+    return (
+        f"{len(out)} of {len(seen)} visual shapes of {where} ({', '.join(names)}) reach up to {reach:.2f} m beyond its "
+        f"collision shapes, farthest at ({', '.join(f'{x:.2f}' for x in at)}) m in the link's frame; capsules leave "
+        "that out, so add collision shapes there if it can be touched"
+    )
+
+
+def _beyond(surface: Surface, vertices: np.ndarray, faces: np.ndarray) -> tuple[float, np.ndarray]:
+    """How far (m) a shape reaches out of a surface, and where."""
+    points = np.concatenate([vertices[:: 1 + len(vertices) // _POINTS], sample_surface(vertices, faces, _POINTS)])
+    outside = points[np.abs(surface.winding_fast(points)) < 0.5]
+    if not len(outside):
+        return 0.0, points[0]
+    distance = surface.unsigned_distance(outside)
+    return float(distance.max()), outside[distance.argmax()]
+
+
 def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """Vertices in the link's frame and triangles of one collision or visual shape."""
     import trimesh
@@ -134,28 +179,19 @@ def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndar
 
 def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (metres, the link's frame) and triangles of a mesh file, read as it stands but for its scale."""
-    import trimesh
-
     uri = _attribute(element, "filename", where)
     file = _found(uri, folder)
     what = f"names the mesh '{uri}' of {where}, which"
     if file is None:
-        raise UserError(f"{what} is not beside it; copy it there")
+        raise UserError(f"{what} is not beside it in '{folder}'; copy it there")
+    if (ending := file.suffix.lower().removeprefix(".")) not in _READERS:
+        raise UserError(f"{what} has the unknown format '{ending}'{did_you_mean(ending, _READERS)}")
     scale = np.array(_numbers(element, "scale", where, 3, "1 1 1"))
-    try:
-        scene = trimesh.load_scene(file, process=False)
-        meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
-    except Exception as error:  # each of trimesh's parsers raises its own kinds
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UserError(f"{what} cannot be read ({reason}); export it again") from error
-    if not meshes:
-        raise UserError(f"{what} has no triangles; export it with faces")
-    whole = trimesh.util.concatenate(meshes)
-    vertices = np.asarray(whole.vertices, dtype=np.float64) * scale
+    pieces = read_content(file, what, _READERS).pieces
+    vertices, faces = joined([(piece.vertices, piece.faces) for piece in pieces])
     if not np.isfinite(vertices).all():
         raise UserError(f"{what} has NaN or infinite coordinates; repair it")
-    faces = np.asarray(whole.faces, dtype=np.int64)
-    return vertices, faces if scale.prod() > 0 else faces[:, ::-1]
+    return vertices * scale, faces if scale.prod() > 0 else faces[:, ::-1]
 
 
 def _found(uri: str, folder: Path) -> Path | None:

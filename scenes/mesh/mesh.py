@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
-
-FORMATS = ("glb", "gltf", "obj", "off", "ply", "stl")
-"""File name endings that `load_mesh` reads."""
-
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Metres in each unit that a file may be in."""
+from scenes.mesh.content import Content, distinct, joined
+from scenes.mesh.reading import FORMATS, read_content
+from scenes.mesh.scale import TO_Y_UP, UNITS, check_extent, doubts, in_metres
 
 _UNIT_WORDS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
@@ -27,16 +22,6 @@ _UNIT_WORDS = {
     **dict.fromkeys(("in", "inch", "inches"), "in"),
     **dict.fromkeys(("ft", "foot", "feet"), "ft"),
 }
-
-# Proper rotations that take the named axis to +y; rows act on column vectors (x, y, z).
-_TO_Y_UP = {
-    "x": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-    "y": np.eye(3),
-    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
-}
-
-SMALLEST, LARGEST = 0.05, 2000.0
-"""Plausible extents of a scene (m), along its longest side: 5 cm to 2 km."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,36 +102,34 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
         UserError: missing file, unknown format or unit, unreadable content, no triangles, coordinates that are
             not finite, or an extent that no scene has (under 5 cm or over 2 km).
     """
-    path, unit, up = _stated(path, unit, up)
-    vertices, faces = joined([(vertices, faces) for _, vertices, faces in _read(path)])
-    mesh = Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name=path.stem, source=str(path), unit=unit, up=up)
-    _check_extent(path, unit, mesh.bounds)
-    return mesh
-
-
-def joined(pieces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices ``[V, 3]`` and faces ``[F, 3]`` of several pieces, at least one, as those of one; nothing is merged."""
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
-    faces = np.concatenate([faces + start for (_, faces), start in zip(pieces, starts, strict=False)])
-    return np.concatenate([vertices for vertices, _ in pieces]), faces
+    path = Path(path)
+    content, said = _read(path, unit, up)
+    mesh = _mesh(path.stem, path, joined([(piece.vertices, piece.faces) for piece in content.pieces]), *said)
+    check_extent(f"mesh file '{path}'", mesh.unit, mesh.bounds)
+    return _doubted(mesh, content, mesh.triangles, said)
 
 
 def load_parts(path: str | Path, unit: str | None = None, up: str | None = None) -> dict[str, Mesh]:
     """Read the objects of a scene file as meshes of their own, each where it stands: metres, y up.
 
     Objects are the nodes of a glTF scene and the ``o`` lines of an OBJ file; other formats hold one. Arguments and
-    errors as for `load_mesh`, but a single object may be smaller than a scene.
+    errors as for `load_mesh`, but a single object may be smaller than a scene. What is in doubt about the file is a
+    doubt of its first object.
 
     Returns:
-        Meshes by name.
+        Meshes by name; names that the file gives several times are numbered.
     """
-    path, unit, up = _stated(path, unit, up)
-    meshes = {
-        name: Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name, str(path), unit, up)
-        for name, vertices, faces in _read(path, _BY_OBJECT.get(path.suffix.lower(), {}))
-    }
-    _check_extent(path, unit, hull([mesh.bounds for mesh in meshes.values()]))
-    return meshes
+    path = Path(path)
+    content, said = _read(path, unit, up)
+    names = distinct(piece.name for piece in content.pieces)
+    parts = [
+        _mesh(name, path, (piece.vertices, piece.faces), *said)
+        for name, piece in zip(names, content.pieces, strict=True)
+    ]
+    check_extent(f"mesh file '{path}'", parts[0].unit, hull([part.bounds for part in parts]))
+    everything = np.concatenate([part.triangles for part in parts])
+    parts[0] = _doubted(parts[0], content, everything, said)
+    return dict(zip(names, parts, strict=True))
 
 
 def hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
@@ -154,56 +137,35 @@ def hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)])
 
 
-_BY_OBJECT = {
-    ".obj": {"split_objects": True, "group_material": False},
-    ".glb": {"merge_primitives": True},
-    ".gltf": {"merge_primitives": True},
-}
-"""Options of trimesh by which an object of several materials is read as one object."""
-
-
-def _stated(path: str | Path, unit: str | None, up: str | None) -> tuple[Path, str, str]:
-    """The file, its unit and its up axis: as stated, as its comments say, or by default."""
-    path = Path(path)
+def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[str | None, str | None]]:
+    """Everything in the file, placed, in its own unit and axes; and these, None where neither user nor file says."""
     if not path.is_file():
         raise UserError(f"mesh file '{path}' does not exist")
     ending = path.suffix.lower().removeprefix(".")
     if ending not in FORMATS:
         raise UserError(f"mesh file '{path}' has the unknown format '{ending}'{did_you_mean(ending, FORMATS)}")
+    for what, word, known in (("unit", unit, UNITS), ("up axis", up, TO_Y_UP)):
+        if word is not None and word not in known:
+            raise UserError(f"unknown {what} '{word}'{did_you_mean(word, known)}")
     comments = {} if ending in ("glb", "gltf", "stl") else _stated_in_comments(path)
-    unit = _known("unit", unit or comments.get("unit", "m"), UNITS)
-    return path, unit, _known("up axis", up or comments.get("up", "y"), _TO_Y_UP)
+    return read_content(path, f"mesh file '{path}'"), (unit or comments.get("unit"), up or comments.get("up"))
 
 
-def _known(what: str, word: str, known: dict[str, Any]) -> str:
-    if word not in known:
-        raise UserError(f"unknown {what} '{word}'{did_you_mean(word, known)}")
-    return word
+def _mesh(name: str, path: Path, shape: tuple[np.ndarray, np.ndarray], unit: str | None, up: str | None) -> Mesh:
+    unit, up = unit or "m", up or "y"
+    return Mesh(in_metres(shape[0], unit, up), shape[1], name, str(path), unit, up)
 
 
-def _read(path: Path, options: Mapping[str, bool] = MappingProxyType({})) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Name, vertices and faces of everything in the file, placed, in the file's own unit and axes."""
-    import trimesh  # 0.3 s to import, needed only here
-
-    try:
-        scene = trimesh.load_scene(path, process=False, **options)
-        parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh)]
-    except Exception as error:  # each of trimesh's parsers raises its own kinds
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UserError(f"mesh file '{path}' cannot be read ({reason}); export it again") from error
-    parts = [part for part in parts if len(part.faces)]
-    if not parts:
-        raise UserError(f"mesh file '{path}' has no triangles (a point cloud or an empty scene); export it with faces")
-    return [
-        (str(part.metadata["node"]), np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int64))
-        for part in parts
-    ]
+def _doubted(mesh: Mesh, content: Content, triangles: np.ndarray, said: tuple[str | None, str | None]) -> Mesh:
+    """The mesh with what is in doubt about its file, whose triangles (m) are all of these."""
+    found = (*content.doubts, *doubts(f"'{Path(mesh.source).name}'", triangles, *said))
+    return replace(mesh, doubts=found) if found else mesh
 
 
 def _stated_in_comments(path: Path) -> dict[str, str]:
     """Unit and up axis as comments at the top of a PLY, OBJ or OFF file may state them."""
     with path.open("rb") as file:
-        head = file.read(4096).decode("latin-1")
+        head = file.read(4096).removeprefix(b"\xef\xbb\xbf").decode("latin-1")
     stated: dict[str, str] = {}
     for line in head.splitlines():
         text = line.strip().lower()
@@ -219,14 +181,3 @@ def _stated_in_comments(path: Path) -> dict[str, str]:
         if found := re.search(r"\b([xyz])[ _-]up\b", text):
             stated["up"] = found[1]
     return stated
-
-
-def _check_extent(path: Path, unit: str, bounds: np.ndarray) -> None:
-    extent = float(np.ptp(bounds, axis=0).max())
-    if SMALLEST <= extent <= LARGEST:
-        return
-    size = f"{extent:.3g} m" if extent < 1e5 else f"{extent:.1e} m"
-    raw = extent / UNITS[unit]
-    fitting = [other for other, metres in UNITS.items() if 0.5 <= raw * metres <= 100.0 and other != unit]
-    hint = f"did you mean unit='{fitting[-1] if 'mm' not in fitting else 'mm'}'?" if fitting else "state its unit"
-    raise UserError(f"mesh file '{path}' is {size} long in unit '{unit}', and scenes are 5 cm to 2 km; {hint}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -63,6 +64,20 @@ class Skeleton:
                 way[joint] = done
             ways.append(way)
         return min(ways[0][joint] + ways[1][joint] for joint in ways[0].keys() & ways[1].keys())
+
+
+def tree_order(parents: Sequence[int]) -> list[int]:
+    """Indices so that parents precede children; raises ValueError where links go round in a ring."""
+    children: dict[int, list[int]] = {}
+    for link, parent in enumerate(parents):
+        children.setdefault(parent, []).append(link)
+    order, waiting = [], children.get(-1, [])[::-1]
+    while waiting:
+        order.append(waiting.pop())
+        waiting += children.get(order[-1], [])[::-1]
+    if len(order) < len(parents):
+        raise ValueError("links are each other's parents")
+    return order
 
 
 def _humanml3d() -> Skeleton:

@@ -12,7 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
-from scenes.mesh.mesh import Mesh, joined, load_parts
+from scenes.mesh.content import joined
+from scenes.mesh.mesh import Mesh, load_parts
 from scenes.sdf.bake import bake
 from scenes.sdf.grid import SdfGrid
 from scenes.world.assembly import Assembly

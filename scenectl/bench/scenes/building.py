@@ -18,7 +18,8 @@ from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.generators.base import Progress
 from scenectl.threads import threads
 from scenes.errors import UserError
-from scenes.mesh.mesh import Mesh, joined
+from scenes.mesh.content import joined
+from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface
 from scenes.sdf.bake import bake
 from scenes.sdf.bake_blocks import bake_blocks

@@ -31,6 +31,12 @@ def test_without_a_file_it_prints_our_own_body(scenectl: Run) -> None:
     assert said.status == 0 and "ANSUR II" in said.out and "left_knee" in said.out
 
 
+def test_what_collides_less_than_it_shows_is_told(scenectl: Run, tmp_path: Path) -> None:
+    said = scenectl("body", robot(tmp_path))
+    assert said.status == 0
+    assert "in doubt: 1 of 1 visual shapes of link 'base' (sphere 1) reach up to 9.00 m" in said.err
+
+
 def test_a_robot_is_fitted_printed_stored_and_read_again(scenectl: Run, tmp_path: Path) -> None:
     said = scenectl("body", robot(tmp_path), "--json", tmp_path / "lamp.json")
     assert said.status == 0, said.err

@@ -9,9 +9,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from scenes.motion.motion import Motion
 
@@ -303,3 +305,12 @@ def test_the_installed_command_keeps_its_word(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.strip() == f"scenectl: task file '{tmp_path / 'nope.toml'}' does not exist"
+
+
+def test_errors_in_a_scene_of_doubtful_size_tell_the_doubt(scenectl: Callable[..., Any], tmp_path: Path) -> None:
+    trimesh.creation.box(extents=[400, 350, 260]).export(tmp_path / "room.obj")
+    (tmp_path / "task.toml").write_text(HEAD + "start = [900.0, 0.0]\n[scene]\nfile = 'room.obj'\n")
+    doubt = 'centimetres, z up? state unit = "cm", up = "z"'
+    assert doubt in scenectl("bake", tmp_path / "room.obj", "--resolution", "32").err
+    said = scenectl("check", tmp_path / "task.toml")
+    assert said.status == 2 and "outside the scene" in said.err and doubt in said.err

@@ -23,7 +23,7 @@ from scenectl.view.shapes import body_hull, capsules, components, face_colours, 
 from scenectl.view.stage import open_stage
 from scenectl.view.window import Window
 from scenes.body.body import DEFAULT_BODY
-from scenes.mesh.mesh import Mesh
+from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box, Sphere
 from scenes.mesh.surface import Surface
 from scenes.motion.motion import Motion, Pose2D
@@ -31,6 +31,7 @@ from scenes.motion.waypoints import Waypoints
 from scenes.sdf.signs import UNCERTAIN
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled
+from tests.scenes.mesh.test_gltf import boxes
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -104,6 +105,26 @@ def test_scenes_keep_their_colours_and_objects() -> None:
     assert len(np.unique(components(mesh))) == 8
     plain = Mesh(np.eye(3), np.array([[0, 1, 2]]))
     assert face_colours(plain).tolist() == [[216, 211, 203]]
+
+
+def test_colours_belong_to_their_faces_however_files_order_and_cut_them(tmp_path: Path) -> None:
+    wall = ["0 0 0", "6 0 0", "6 3 0", "4 3 0", "4 1 0", "2 1 0", "2 3 0", "0 3 0"]
+    text = "mtllib a.mtl\n" + "\n".join(f"v {corner}" for corner in wall) + "\nv 0 0 9\nv 6 0 9\nv 0 3 9\n"
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
+    faces = "usemtl blue\nf 9 10 11\nusemtl red\nf 1 2 3 4 5 6 7 8\nusemtl blue\nf 9 10 1\n"
+    (tmp_path / "a.obj").write_text(text + faces)
+    for up in ("y", "z"):
+        mesh = load_mesh(tmp_path / "a.obj", "m", up)
+        wall_faces = (mesh.faces < 8).all(axis=1)
+        colours = face_colours(mesh)
+        assert (colours[wall_faces] == [255, 0, 0]).all() and (colours[~wall_faces] == [0, 0, 255]).all()
+
+
+def test_instances_that_the_colour_reader_does_not_know_are_drawn(tmp_path: Path) -> None:
+    file = boxes()
+    attributes = {"TRANSLATION": file.add(np.array([[0.0, 0, 0], [5, 0, 0], [9, 0, 0]]))}
+    file.facts["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
+    assert face_colours(load_mesh(file.save(tmp_path / "a.glb"))).shape == (36, 3)
 
 
 @pytest.mark.parametrize("what", ["room", "goals"])

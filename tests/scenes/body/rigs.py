@@ -14,7 +14,7 @@ import trimesh
 from scenes.mesh.primitives import Capsule
 from scenes.motion.skeleton import HUMANML3D
 
-KINDS = {"<f4": 5126, "<u1": 5121, "<u2": 5123, "<u4": 5125}
+KINDS = {"<f4": 5126, "<i1": 5120, "<u1": 5121, "<i2": 5122, "<u2": 5123, "<u4": 5125}
 WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
@@ -58,7 +58,7 @@ class Gltf:
         return len(self.facts["meshes"]) - 1
 
     def bytes(self) -> bytes:
-        facts = {**self.facts, "buffers": [{"byteLength": len(self.binary)}]}
+        facts = {"buffers": [{"byteLength": len(self.binary)}], **self.facts}
         text = json.dumps(facts).encode()
         text += b" " * (-len(text) % 4)
         chunks = struct.pack("<II", len(text), 0x4E4F534A) + text

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from scenes.body.gltf import read_rig
-from scenes.body.rig import tree_order
 from scenes.body.urdf import read_urdf
 from scenes.errors import UserError
 from scenes.motion.frames import rigid, transform
-from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D, tree_order
 from tests.scenes.body.rigs import ROBOT, Gltf, arm, humanoid, robot, standing
 
 
@@ -116,10 +115,15 @@ def no_skin(file: Gltf) -> None:
 
 
 def sparse(file: Gltf) -> None:
-    file.facts["accessors"][1]["sparse"] = {"count": 1}
+    places = {"bufferView": 0, "componentType": 5125}
+    file.facts["accessors"][1]["sparse"] = {"count": 1, "indices": places, "values": {"bufferView": 99}}
 
 
 def compressed(file: Gltf) -> None:
+    attributes = file.facts["meshes"][0]["primitives"][0]["attributes"]
+    del file.facts["accessors"][attributes["POSITION"]]["bufferView"]
+    packed = {"bufferView": 0, "attributes": dict.fromkeys(attributes, 0)}
+    file.facts["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": packed}
     file.facts["extensionsRequired"] = ["KHR_draco_mesh_compression"]
 
 
@@ -155,8 +159,7 @@ def negative(file: Gltf) -> None:
 
 
 def overlapping(file: Gltf) -> None:
-    file.facts["bufferViews"][1]["byteStride"] = 0
-    file.facts["accessors"][1]["count"] = 10**12
+    file.facts["bufferViews"][1]["byteStride"] = 4
 
 
 def nan_vertex(file: Gltf) -> None:
@@ -171,7 +174,7 @@ def lines(file: Gltf) -> None:
     ("harm", "sentence"),
     [
         (no_skin, "has no skin"),
-        (sparse, "stores accessor 1 sparsely"),
+        (sparse, "no buffer view 99"),
         (compressed, "compressed with KHR_draco_mesh_compression"),
         (ring, "not well-formed glTF"),
         (bad_joint, "there is no joint -1"),
@@ -306,6 +309,84 @@ def test_meshes_that_cannot_be_read_and_hidden_doctypes_are_told(tmp_path: Path)
     path.write_bytes(ROBOT.replace('<?xml version="1.0"?>', '<!DOCTYPE r [<!ENTITY a "b">]>').encode("utf-16"))
     with pytest.raises(UserError, match="UTF-8"):
         read_urdf(path)
+
+
+BENCH = """<robot name="bench"><link name="body">
+  <visual name="top"><origin xyz="0 0 0.45"/><geometry><box size="1.2 0.4 0.04"/></geometry></visual>
+  <visual><origin xyz="-0.5 0 0.22"/><geometry><box size="0.05 0.35 0.44"/></geometry></visual>
+  <visual name="leg"><origin xyz="0.5 0 0.22"/><geometry><box size="0.05 0.35 0.44"/></geometry></visual>
+  <collision><origin xyz="0 0 0.45"/><geometry><box size="1.2 0.4 0.04"/></geometry></collision>
+</link></robot>"""
+
+
+def test_visual_shapes_beyond_collision_shapes_are_a_doubt(tmp_path: Path) -> None:
+    rig = read_urdf(robot(tmp_path, BENCH))
+    (doubt,) = rig.doubts
+    assert "2 of 3 visual shapes of link 'body' (box 2, leg) reach up to 0.43 m beyond" in doubt
+    assert doubt.count(", 0.00) m in the link's frame") == 1  # the feet
+    assert len(rig.parts[0].faces) == 12  # what collides stays what the file says
+    hull = '<collision><origin xyz="0 0 0.235"/><geometry><box size="1.2 0.4 0.475"/></geometry></collision>'
+    whole = BENCH[: BENCH.index("<collision>")] + hull + "</link></robot>"
+    assert read_urdf(robot(tmp_path, whole)).doubts == ()
+    overlapping = BENCH.replace("</link>", hull + "</link>")  # inside several shapes is inside too
+    assert read_urdf(robot(tmp_path, overlapping)).doubts == ()
+    lost = BENCH.replace('<box size="0.05 0.35 0.44"/>', '<mesh filename="leg.dae"/>', 1)
+    (doubt,) = read_urdf(robot(tmp_path, lost)).doubts
+    assert "not compared" in doubt and "'leg.dae'" in doubt and str(tmp_path) in doubt
+    assert "\n" not in doubt
+
+
+def dae(unit: str = "1", transform: str = "<translate>0 0 2</translate>", end: int | None = None) -> str:
+    """An L of six corners as one polygon, in the plane z = 0."""
+    outline = "0 0 0 3 0 0 3 1 0 1 1 0 1 3 0 0 3 0"
+    text = f"""<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="{unit}"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="l"><mesh>
+<source id="p"><float_array id="a" count="18">{outline}</float_array><technique_common>
+<accessor source="#a" count="6" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polylist count="1"><input semantic="VERTEX" source="#v" offset="0"/><vcount>6</vcount><p>1 2 3 4 5 0</p></polylist>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node>{transform}<instance_geometry url="#l"/></node></visual_scene>
+</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+    return text[:end]
+
+
+def test_collada_meshes_are_read_with_their_unit_and_their_polygons_cut_properly(tmp_path: Path) -> None:
+    text = ROBOT.replace("rod.stl", "rod.dae").replace(' scale="0.001 0.001 0.001"', "")
+    path = robot(tmp_path, text)
+
+    def forearm(content: str) -> np.ndarray:
+        (tmp_path / "meshes" / "rod.dae").write_text(content)
+        part = read_urdf(path).parts[2]
+        return part.vertices[part.faces]
+
+    for content, scale, up in (
+        (dae(), 1.0, 1.0),
+        (dae("0.01"), 0.01, 1.0),
+        (dae(transform="<scale>1 1 -1</scale><translate>0 0 -2</translate>"), 1.0, -1.0),
+    ):
+        triangles = forearm(content)
+        a, b, c = np.moveaxis(triangles, 1, 0)
+        normals = np.cross(b - a, c - a) / 2
+        assert np.linalg.norm(normals, axis=1).sum() == pytest.approx(5 * scale**2, rel=1e-5)
+        assert normals.sum(axis=0)[0] == pytest.approx(up * 5 * scale**2, rel=1e-5)  # turned about y by the file
+        assert triangles[..., 0] == pytest.approx(0.1 + 2 * scale, rel=1e-5)
+    for length in range(0, len(dae()), 60):
+        with pytest.raises(UserError, match=r"cut off|is empty"):
+            forearm(dae(end=length))
+    with pytest.raises(UserError, match="DOCTYPE"):
+        forearm(dae().replace("<COLLADA", '<!DOCTYPE r [<!ENTITY a "b">]><COLLADA'))
+    with pytest.raises(UserError, match="unknown format 'daee'"):
+        read_urdf(robot_with(tmp_path, "rod.daee"))
+
+
+def robot_with(folder: Path, mesh: str) -> Path:
+    (folder / "meshes").mkdir(exist_ok=True)
+    (folder / "meshes" / mesh).write_text("x")
+    return robot(folder, ROBOT.replace("rod.stl", mesh))
 
 
 def test_trees_are_put_in_order_and_rings_refused() -> None:

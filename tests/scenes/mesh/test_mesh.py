@@ -9,7 +9,9 @@ import pytest
 import trimesh
 
 from scenes.errors import UserError
-from scenes.mesh.mesh import FORMATS, UNITS, Mesh, load_mesh, load_parts
+from scenes.mesh.mesh import Mesh, load_mesh, load_parts
+from scenes.mesh.reading import FORMATS
+from scenes.mesh.scale import UNITS
 
 
 def wedge() -> trimesh.Trimesh:

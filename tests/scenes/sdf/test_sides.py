@@ -10,8 +10,9 @@ import torch
 from hypothesis import given, settings, strategies as st
 
 from scenes.errors import UserError
+from scenes.mesh.content import joined
 from scenes.mesh.csg import csg
-from scenes.mesh.mesh import Mesh, joined, load_mesh
+from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.pieces import Pieces
 from scenes.mesh.primitives import Box
 from scenes.mesh.surface import Surface
