@@ -96,6 +96,10 @@ class Mesh:
             False  # the digest must stay true
         )
 
+    def moved(self, by: Sequence[float]) -> Mesh:
+        """The same elsewhere, by so much (m)."""
+        return Mesh(self.vertices + by, self.faces, self.name, self.source, self.unit, self.up, doubts=self.doubts)
+
     @property
     def triangles(self) -> np.ndarray:
         """Corner positions of every triangle, ``[F, 3, 3]``, metres."""
