@@ -40,7 +40,8 @@ class Task(TaskTable):
         try:
             setup = plan(self.seen_from(origin), seed, start, scene.seen_from(origin), spec)
         except UserError as error:
-            raise UserError(f"{error} (places are stated from {list(origin)} m on, near the scene)") from error
+            frame = f"places are stated in the frame near the scene that begins at {list(origin)} m"
+            raise UserError(f"{error} ({frame})") from error
         return replace(setup, task=self)
 
     def origin(self, scene: Scene, start: Pose2D | None = None) -> Place:

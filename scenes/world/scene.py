@@ -33,7 +33,8 @@ DENSE = 2**26
 
 _FRAME = (
     "the scene is far from the origin, where single precision is too coarse, so it is computed in a frame that begins "
-    "at {} m, and places named here are stated in that; results are stated in the world; move the scene to settle it"
+    "at {} m, in which places in doubts about its grids are stated; results are stated in the world; move the scene to "
+    "settle it"
 )
 """What is said of a scene in a frame of its own."""
 
@@ -111,7 +112,7 @@ class Scene:
         solids = [mesh.bounds for mesh in self.meshes] or self._loose
         return hull(solids).mean(axis=0) if solids else None
 
-    @property
+    @cached_property
     def _loose(self) -> list[np.ndarray]:
         """Bounds of what is in no mesh of its own: objects and shapes, with their motions."""
         return [t.bounds for t in self.objects] + [_reach(p) for p in self.primitives if not isinstance(p, Plane)]
