@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
+from scenes.mesh.stray import without_strays
 
 FORMATS = ("glb", "gltf", "obj", "off", "ply", "stl")
 """File name endings that `load_mesh` reads."""
@@ -111,7 +112,8 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
     """Read a mesh file into metres, y up.
 
     Args:
-        path: a GLB, glTF, OBJ, PLY, STL or OFF file. Scenes of several parts become one mesh.
+        path: a GLB, glTF, OBJ, PLY, STL or OFF file. Scenes of several parts become one mesh. A few small triangles far
+            from all else are left out, with a doubt (`scenes.mesh.stray`).
         unit: "m", "cm", "mm", "in" or "ft". Default: metres for glTF (its standard says so); for the others
             what a header comment such as ``comment unit: mm`` states, else metres.
         up: "x", "y" or "z", the axis that points up in the file. Default: y, or what a header comment such as
@@ -123,9 +125,15 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
     """
     path, unit, up = _stated(path, unit, up)
     vertices, faces = joined([(vertices, faces) for _, vertices, faces in _read(path)])
-    mesh = Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name=path.stem, source=str(path), unit=unit, up=up)
+    mesh = _mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, path.stem, str(path), unit, up)
     _check_extent(path, unit, mesh.bounds)
     return mesh
+
+
+def _mesh(vertices: np.ndarray, faces: np.ndarray, name: str, source: str, unit: str, up: str) -> Mesh:
+    """The mesh that was read (m, y up), without its stray triangles."""
+    vertices, faces, doubts = without_strays(vertices, faces, name)
+    return Mesh(vertices, faces, name, source, unit, up, doubts=doubts)
 
 
 def joined(pieces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -146,7 +154,7 @@ def load_parts(path: str | Path, unit: str | None = None, up: str | None = None)
     """
     path, unit, up = _stated(path, unit, up)
     meshes = {
-        name: Mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name, str(path), unit, up)
+        name: _mesh(vertices * UNITS[unit] @ _TO_Y_UP[up].T, faces, name, str(path), unit, up)
         for name, vertices, faces in _read(path, _BY_OBJECT.get(path.suffix.lower(), {}))
     }
     _check_extent(path, unit, hull([mesh.bounds for mesh in meshes.values()]))
