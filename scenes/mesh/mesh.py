@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -99,7 +99,7 @@ class Mesh:
 
     def moved(self, by: Sequence[float]) -> Mesh:
         """The same elsewhere, by so much (m)."""
-        return Mesh(self.vertices + by, self.faces, self.name, self.source, self.unit, self.up, doubts=self.doubts)
+        return replace(self, vertices=self.vertices + by, digest="")
 
     @property
     def triangles(self) -> np.ndarray:

@@ -140,5 +140,8 @@ def test_files_are_read_without_strays_and_scenes_say_so(tmp_path: Path) -> None
 
 
 def test_no_bundled_scene_and_no_scan_has_strays(shared: Path) -> None:
-    for mesh in [*(bundled(name).meshes[0] for name in bundled_names()), *map(load_mesh, shared.glob("data/meshes/*.ply"))]:
+    for mesh in [
+        *(bundled(name).meshes[0] for name in bundled_names()),
+        *map(load_mesh, shared.glob("data/meshes/*.ply")),
+    ]:
         assert mesh.doubts == ()
