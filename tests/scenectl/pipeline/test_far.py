@@ -123,6 +123,16 @@ def test_a_task_far_away_is_the_task_at_home(name: str, o: Place, tiny: ModuleTy
     assert torch.equal(motion.joints, there.motion.joints)
 
 
+@pytest.mark.parametrize("name", ["walk in a mesh", "tracks and regions", "a bare floor"])
+def test_no_place_is_a_bad_one(name: str) -> None:
+    """The floor around things without a mesh is a square around the origin of the frame, so that must be near."""
+    here = made(HOME, name).build().start.position
+    for o in ((512_345.0, 0.0, 4_512_333.0), (-3_050.0, 5_049.0, 1_970.0)):
+        setup = made(o, name).build()
+        assert np.allclose(np.add(setup.start.position, setup.origin) - o, here, atol=1e-4)
+        assert np.abs(setup.start.position).max() < 60
+
+
 def test_the_report_builds_the_task_again(tiny: ModuleType, tmp_path: Path) -> None:
     name, o = "tracks and regions", FAR[0]
     result = run(made(o, name), 1, generator=tiny.TinyGenerator())

@@ -95,11 +95,11 @@ def test_both_kinds_beside_each_other() -> None:
     assert "1 stray triangle at [0.03, 0.03, 900.00]" in doubts[0] and "little and far" in doubts[1]
 
 
-def test_thousands_of_specks_are_no_strays() -> None:
+def test_many_specks_are_no_strays() -> None:
     """What is a part of the area worth mentioning is kept: a scan of leaves, say."""
-    leaves = [speck(*p, size=0.1) for p in np.random.default_rng(0).uniform(30, 60, (300, 3))]
+    leaves = [speck(*p, size=0.08) for p in np.random.default_rng(0).uniform(30, 60, (100, 3))]
     _, faces, doubts = without_strays(*joined([PEOPLED, *leaves]), "leaves")
-    assert len(faces) == len(PEOPLED[1]) + 300 and all("stray" not in doubt for doubt in doubts)
+    assert len(faces) == len(PEOPLED[1]) + 100 and len(doubts) == 1 and "little and far" in doubts[0]
 
 
 @settings(max_examples=40, deadline=None)
