@@ -13,6 +13,9 @@ from objectives.parameters import (
     Region as Region,
     Time as Time,
     Window as Window,
+    WorldX as WorldX,
+    WorldY as WorldY,
+    WorldZ as WorldZ,
 )
 from objectives.registry import (
     GoalSpec as GoalSpec,

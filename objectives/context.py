@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.body.body import Segments
+from scenes.motion.frames import HOME, Place
 from scenes.motion.motion import Motion
 
 
@@ -75,6 +76,16 @@ class Context:
     def ground(self) -> float | None:
         """Height (m, world) on which soles stand, where the scene knows it."""
         return self.scene.ground if isinstance(self.scene, Grounded) else None
+
+    @property
+    def origin(self) -> Place:
+        """Where in the world (m) the frame begins that the motion, the scene and all typed parameters are stated in.
+
+        Scenes far from the world's origin are computed in a frame near them (`scenes.motion.frames.FAR`). A goal needs
+        this only for coordinates of the world that it knows by itself.
+        """
+        origin: Place = getattr(self.scene, "origin", HOME)
+        return origin
 
     @property
     def unbaked(self) -> Context:

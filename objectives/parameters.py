@@ -6,29 +6,38 @@ import math
 import types
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from torch import Tensor
 
 from scenes.errors import UserError
+from scenes.motion.frames import FAR, Place
 from scenes.validation import deepest, sentence, shown
+
+WorldX = Annotated[float, "m, world x"]
+"""A coordinate: where a scene is computed in a frame near it, parameters with this annotation are stated in that."""
+WorldY = Annotated[float, "m, world y"]
+"""Likewise; the height over another thing is none."""
+WorldZ = Annotated[float, "m, world z"]
+"""Likewise."""
+_WORLD = (WorldX, WorldY, WorldZ)
 
 
 class Point(NamedTuple):
     """A point in the world, metres, y up. `Objective.check` compares every parameter of this type with the scene."""
 
-    x: float
-    y: float
-    z: float
+    x: WorldX
+    y: WorldY
+    z: WorldZ
 
 
 class FloorPoint(NamedTuple):
     """A point on the floor, metres, world x and z."""
 
-    x: float
-    z: float
+    x: WorldX
+    z: WorldZ
 
 
 class Region(BaseModel):
@@ -40,8 +49,8 @@ class Region(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    x: tuple[float, float] = (-math.inf, math.inf)
-    z: tuple[float, float] = (-math.inf, math.inf)
+    x: tuple[WorldX, WorldX] = (-math.inf, math.inf)
+    z: tuple[WorldZ, WorldZ] = (-math.inf, math.inf)
 
     @model_validator(mode="after")
     def _ordered(self) -> Region:
@@ -186,6 +195,39 @@ def stated(hint: Any, value: Any, kind: Any) -> list[Any]:
     if origin is list and isinstance(value, list):
         return [found for item in value for found in stated(inner[0], item, kind)]
     return []
+
+
+def moved(hint: Any, value: Any, by: Place) -> Any:
+    """A parameter's value, annotated as `hint`, where everything lies so much (m) further: all coordinates in it move.
+
+    Coordinates are what is annotated so (`WorldX`, `WorldY`, `WorldZ`), also in lists, points, regions and tracks.
+
+    Raises:
+        UserError: a number without such an annotation that can hardly be anything else.
+    """
+    if hasattr(value, "moved"):
+        return value.moved(by)
+    if isinstance(value, BaseModel):
+        hints = {name: field.annotation for name, field in type(value).model_fields.items()}
+        return type(value)(**{name: moved(inner, getattr(value, name), by) for name, inner in hints.items()})
+    if isinstance(value, Point | FloorPoint):
+        hints = get_type_hints(type(value), include_extras=True)
+        return type(value)(*(moved(hints[name], number, by) for name, number in value._asdict().items()))
+    options = _options(hint)
+    if isinstance(value, list | tuple):
+        items = next((get_args(option) for option in options if get_origin(option) in (list, tuple, Sequence)), (Any,))
+        each = items if len(items) == len(value) and ... not in items else items[:1] * len(value)
+        return type(value)(moved(inner, item, by) for inner, item in zip(each, value, strict=True))
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return value
+    if (axis := next((_WORLD.index(option) for option in options if option in _WORLD), None)) is not None:
+        return value + by[axis]
+    if any(abs(value + shift) < FAR <= abs(value) for shift in by):
+        raise UserError(
+            f"{value:.10g} looks like a coordinate far from the origin; annotate it in the goal as WorldX, WorldY or "
+            "WorldZ"
+        )
+    return value
 
 
 T = TypeVar("T")

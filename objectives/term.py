@@ -15,10 +15,11 @@ from objectives.context import Context
 from objectives.kernels import Kernel, Reduction, kernel_cost, least_squares_weight
 from objectives.marks import Mark, marks_of_parameters, marks_of_targets
 from objectives.maths import frames_near, within
-from objectives.parameters import NotNegative, Positive, parse
+from objectives.parameters import NotNegative, Positive, moved, parse
 from objectives.registry import JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
 from objectives.report import TermReport
 from scenes.errors import UserError
+from scenes.motion.frames import Place
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
 
@@ -179,6 +180,18 @@ class Term:
         if not self.spec.pulls or self.spec.unit != "m" or self.allowed >= reach:
             return self
         return replace(self, tolerance=reach)
+
+    def moved(self, by: Place) -> Term:
+        """The same where everything lies so much (m) further: all coordinates that it states or its goal assumes."""
+        spec = self.spec.parameters
+        stated = {name: p.default for name, p in spec.items() if not p.required and p.default is not None}
+        further = {}
+        for name, value in {**stated, **self.parameters}.items():
+            try:
+                further[name] = moved(spec[name].hint, value, by)
+            except UserError as error:
+                raise UserError(f"{self.label}: parameter '{name}': {error}") from error
+        return replace(self, parameters=further)
 
     @property
     def label(self) -> str:

@@ -22,6 +22,7 @@ from torch import Tensor
 
 from objectives.parameters import File, Point, Positive
 from scenes.errors import UserError
+from scenes.motion.frames import Place
 
 Span = tuple[float, float]
 
@@ -226,6 +227,11 @@ class ArrayTrack(TrackBase):
         mask = torch.as_tensor(self.samples[1], device=times.device)
         low, high, share = self._neighbours(times)
         return super().active(times) & mask[low] & (mask[high] | (share == 0)[:, None])
+
+    def moved(self, by: Place) -> ArrayTrack:
+        """The track that lies so much (m) further."""
+        points, stated = self.samples
+        return ArrayTrack(positions=points + np.array(by), mask=stated, fps=self.fps, begin=self.begin)
 
     def _neighbours(self, times: Float[Tensor, " T"]) -> tuple[Tensor, Tensor, Tensor]:
         last = len(self.samples[0]) - 1

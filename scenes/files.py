@@ -19,27 +19,35 @@ T = TypeVar("T")
 
 
 @contextmanager
+def writing(path: str | Path) -> Iterator[None]:
+    """What the system refuses in the block, as on a full disk, is a UserError that names the file and the reason."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
+
+
+@contextmanager
 def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """Open a temporary file beside `path` and rename it over `path` when the block ends well.
 
-    A crash or a kill leaves the old file or the new one, never half of one.
+    A crash, a kill or a full disk leaves the old file or the new one, never half of one. Raises UserError, naming
+    `path`, for what the system refuses.
     """
     path = Path(path)
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    except OSError as error:
-        raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
-    try:
-        os.fchmod(handle, 0o644)  # mkstemp makes private files; results are meant to be shared
-        with os.fdopen(handle, mode) as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+        try:
+            os.fchmod(handle, 0o644)  # mkstemp makes private files; results are meant to be shared
+            with os.fdopen(handle, mode) as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(name, path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
 
 
 def write_json(value: Any, path: str | Path, **settings: Any) -> None:

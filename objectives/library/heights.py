@@ -14,7 +14,7 @@ from objectives.context import Context
 from objectives.library._joints import Joints, placed
 from objectives.marks import rectangle
 from objectives.maths import first_middle_last, frame_mask, frames_near
-from objectives.parameters import NotNegative, Region
+from objectives.parameters import NotNegative, Region, WorldY
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
@@ -34,7 +34,7 @@ def head_height(
     motion: Motion,
     context: Context,
     *,
-    height: float | list[float],
+    height: WorldY | list[WorldY],
     at: list[float] | None = None,
     weights: list[NotNegative] | None = None,
     mode: Literal["equal", "below", "above"] = "equal",
@@ -82,7 +82,7 @@ def height_limit(
     motion: Motion,
     context: Context,
     *,
-    limit: float,
+    limit: WorldY,
     mode: Side = "below",
     joints: Joints | None = None,
     region: Region | None = None,
@@ -113,9 +113,9 @@ def barrier(
     motion: Motion,
     context: Context,
     *,
-    stand: float = 1.5,
-    duck: float = 0.5,
-    feet: float = 0.0,
+    stand: WorldY = 1.5,
+    duck: WorldY = 0.5,
+    feet: WorldY = 0.0,
 ) -> Masked:
     """Duck under a barrier in the middle and stand upright at the start and the end (ProgMoGen HSI-2, evaluation).
 

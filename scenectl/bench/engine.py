@@ -17,7 +17,7 @@ from typing import Any, TypeAlias, TypeVar
 from scenectl.generators.base import Generator, Progress, silent
 from scenectl.version import __version__
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, writing
 
 Row: TypeAlias = dict[str, Any]
 Result: TypeAlias = dict[str, Any]
@@ -121,9 +121,10 @@ class Engine:
 
     def _keep(self, key: str, rows: list[Row]) -> None:
         if self.file is not None:
-            self._rows.parent.mkdir(parents=True, exist_ok=True)
-            with self._rows.open("a", encoding="utf-8") as file:
-                file.write("\n" + json.dumps([key, rows]) + "\n")  # a line of its own, also behind one cut short
+            with writing(self._rows):
+                self._rows.parent.mkdir(parents=True, exist_ok=True)
+                with self._rows.open("a", encoding="utf-8") as file:
+                    file.write("\n" + json.dumps([key, rows]) + "\n")  # its own line, also behind one cut short
 
 
 ENGINE = Engine()

@@ -24,6 +24,7 @@ from scenectl.data.joint_names import match_joints
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.motion.bones import bone_lengths
+from scenes.motion.frames import fine_enough
 from scenes.motion.motion import Motion
 from scenes.motion.rotations import rotation_between
 from scenes.motion.skeleton import HUMANML3D
@@ -153,7 +154,7 @@ def convert_bvh(
     resampled, kept = _resample(placed, 1.0 / file.frame_time, fps)
     if len(resampled) < 2:
         raise UserError(f"{where} has {len(file.values)} frame(s), too few for a motion at {fps:g} frames a second")
-    motion = Motion(torch.from_numpy(resampled.astype(np.float32)), fps=fps)
+    motion = Motion(torch.from_numpy(fine_enough(resampled)), fps=fps)
     message = f"{where}: unit {unit} ({how}), up axis {up}{_axis_doubt(placed)}, {kept}"
     return BvhClip(motion, unit, {joint: file.names[index] for joint, index in found.items()}, message)
 

@@ -26,6 +26,7 @@ from scenectl.tasks.task import Task
 from scenectl.threads import threads
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
+from scenes.motion.frames import origin_near
 from scenes.motion.motion import Motion
 
 BESIDE = 12
@@ -54,7 +55,8 @@ def edit(
         motion: ``[T, J, 3]`` metres, world, on the generator's clock and skeleton, no longer than it makes at once.
         regenerate: the frames to make anew; what the motion holds there is of no account.
         prompt: what the whole motion shall be.
-        guide: further goals.
+        guide: further goals, for the motion as it is seen from the whole hundreds of metres near it
+            (`scenes.motion.frames.origin_near` its first pelvis), where that is far from the origin.
         samples, seed, progress: as for `Generator.generate`.
         iterations: refinement steps.
 
@@ -68,11 +70,13 @@ def edit(
         able = [name for name in registry.names() if "edit" in registry.find(name).spec.abilities]
         raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
     check(motion, regenerate, generator.spec)
+    origin = origin_near(motion.joint("pelvis")[0].tolist())
+    motion = motion.seen_from(origin)
     keeping, solver = SeamGuide(motion, ~regenerate, guide), SolverSettings(iterations=iterations)
     with threads():
         draft = generator.edit(motion, regenerate, prompt, guide=keeping, samples=samples, seed=seed, progress=progress)
         made = draft.motion if draft.step is None else refined(draft.step, keeping, solver)
-    return Draft(settled(motion, made, regenerate), None, draft.trace)
+    return Draft(settled(motion, made, regenerate).moved(origin), None, draft.trace)
 
 
 def mask_of(motion: Motion, spans: Sequence[tuple[float, float]]) -> Bool[Tensor, " T"]:

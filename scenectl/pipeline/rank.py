@@ -19,9 +19,9 @@ from scenes.motion.motion import Motion
 def ranked(
     motion: Motion, unrefined: Motion | None, setup: Setup, scorer: Scorer, progress: Progress
 ) -> tuple[Motion, list[Sample]]:
-    """Motions and their rows: those that meet all goals first, by how little refinement changed poses; then by cost.
+    """Motions and rows, in the world: those that meet all goals first, by how little refinement changed poses, by cost.
 
-    A cost that is not a number comes last.
+    A cost that is not a number comes last. Motions are given in the setup's frame.
     """
     objective, context = setup.objective, setup.context
     with torch.no_grad():
@@ -42,9 +42,11 @@ def ranked(
         why = diagnosis(objective, motion[index], context)
         start = start_of(motion[index], setup.body)
         change, cost = _of(changes, index), _number(costs[index])
-        rows.append(Sample(index, cost, terms[index], figures, _of(before, index), why, start, change))
+        row = Sample(index, cost, terms[index], figures, _of(before, index), why, start, change)
+        rows.append(row.moved(setup.origin))
         progress("measuring", (done + 1) / len(order))
-    return replace(motion, joints=motion.joints[order], valid=motion.valid[order]), rows
+    best_first = replace(motion, joints=motion.joints[order], valid=motion.valid[order])
+    return best_first.moved(setup.origin), rows
 
 
 def _of(figures: Float[Tensor, " S"] | None, index: int) -> float | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from scenectl.pipeline.results import FORMAT, Sample, plain_json
 from scenectl.tasks.setup import Setup
 from scenectl.version import __version__
@@ -11,20 +13,23 @@ from scenes.world.floor.polyline import path_length
 
 
 def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:
-    """What happened, for JSON: metres, seconds and radians throughout."""
-    scene, body, path = setup.scene, setup.body, setup.path
+    """What happened, for JSON: metres, seconds and radians throughout, in world coordinates."""
+    scene, body, origin = setup.scene, setup.body, setup.origin
+    start, path = setup.start.moved(origin), setup.path
     return {
         "format": FORMAT,
         "scenectl": __version__,
         "prompt": setup.task.prompt,
         "seconds": setup.seconds,
         "fps": fps,
-        "start": {"position": list(setup.start.position), "heading": setup.start.heading},
-        "walk": None if path is None else {"path": plain_json(path.round(4)), "length_m": path_length(path)},
+        "start": {"position": list(start.position), "heading": start.heading},
+        "walk": None
+        if path is None
+        else {"path": plain_json((path + np.array(origin)).round(4)), "length_m": path_length(path)},
         "scene": {
             "name": scene.name,
             "digest": scene.digest,
-            "floor_m": scene.floor.height,
+            "floor_m": scene.floor.height + origin[1],
             "floor_found": scene.floor.found,
             "bake": scene.report(),
             "doubts": list(scene.doubts),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -15,6 +15,7 @@ from objectives import TermReport
 from scenectl.tasks.setup import Setup
 from scenes.errors import UserError
 from scenes.files import write_json
+from scenes.motion.frames import Place, shifted
 from scenes.motion.motion import Motion, Pose2D
 
 FORMAT = 1
@@ -50,15 +51,20 @@ class Sample:
         """Every goal is met within its tolerance."""
         return all(term.met for term in self.terms)
 
+    def moved(self, by: Place) -> Sample:
+        """The same so much (m) further."""
+        terms = [t if t.position is None else replace(t, position=shifted(t.position, by)) for t in self.terms]
+        return replace(self, terms=terms, start=None if self.start is None else self.start.moved(by))
+
 
 @dataclass(frozen=True)
 class Result:
     """What a run made, the best sample first.
 
     Attributes:
-        setup: the task as it was planned.
+        setup: the task as it was planned, in its own frame (`Setup.origin`).
         motion: world coordinates, ``[S, T, J, 3]`` metres.
-        samples: a row for each motion, in the same order.
+        samples: a row for each motion, in the same order, in world coordinates.
         report: everything that report.json holds.
         drawer: draws the preview of a result into a file; None where none is wanted.
     """

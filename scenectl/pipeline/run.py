@@ -105,8 +105,9 @@ def score(motion: Motion, task: Task, progress: Progress | None = None, drawer: 
         task = task.model_copy(update={"seconds": batch.seconds})
     setup = task.build(start=start_of(batch[0], task.load_body()))
     setup.objective.check(setup.context, batch.seconds, batch.fps, batch.t0)
+    seen = batch.seen_from(setup.origin)
     with threads(task.generator.threads):
-        made, rows = ranked(batch, None, setup, Scorer(setup.scene, setup.body), tell)
+        made, rows = ranked(seen, None, setup, Scorer(setup.scene, setup.body), tell)
     facts: dict[str, Any] = {"seed": task.seed, "generator": None, "refinement": None, "timing": {}}
     return Result(setup, made, rows, {**report_of(setup, rows, batch.fps), **facts}, drawer)
 

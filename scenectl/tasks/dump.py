@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from objectives import Term
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.primitives import PRIMITIVES, Primitive
+from scenes.motion.frames import HOME
 from scenes.sdf.bake import Bake
 from scenes.sdf.grid import SdfGrid
 from scenes.world.moving import MovingObject
@@ -21,6 +22,7 @@ from scenes.world.scene import BUNDLED, Scene
 
 def scene_table(scene: Scene) -> dict[str, Any] | str:
     """A scene built in Python as the table that would build it; its name where its meshes are in no file."""
+    scene = scene.seen_from(HOME)
     shapes = [_shape_table(shape) for shape in scene.primitives]
     objects = [_object_table(thing) for thing in scene.objects]
     if len(scene.meshes) > 1 or None in objects:

@@ -5,7 +5,7 @@ A task is data. Loading one reads files that it names and runs no code from any 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -25,6 +25,7 @@ from scenes.body.proxies import load_body
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
+from scenes.motion.frames import HOME, Place, back
 from scenes.validation import sentence
 from scenes.world.floor.planning import FreeArea
 from scenes.world.floor.polyline import path_length, resample
@@ -37,6 +38,7 @@ Resolution: TypeAlias = Annotated[int, Field(ge=8, le=512)]
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
+AnyTask = TypeVar("AnyTask", bound="TaskTable")
 
 
 class _Table(BaseModel):
@@ -144,6 +146,10 @@ class Start(_Table):
     heading: float | None = None
     free: bool = False
 
+    def moved(self, by: Place) -> Start:
+        """The same start so much (m) further."""
+        return self.model_copy(update={"position": _moved(self.position, by)})
+
 
 class Walk(_Table):
     """Walk to a place: the planner's path becomes `follow_path`, its end a `joint_target` of the pelvis.
@@ -167,6 +173,10 @@ class Walk(_Table):
     half_width: Annotated[float, Field(gt=0)] = 0.2
     tolerance: Annotated[float, Field(gt=0)] = 0.1
     weight: Annotated[float, Field(ge=0)] = 1.0
+
+    def moved(self, by: Place) -> Walk:
+        """The same walk so much (m) further."""
+        return self.model_copy(update={"to": _moved(self.to, by), "via": tuple(_moved(p, by) for p in self.via)})
 
     def path(self, area: FreeArea, start: tuple[float, float]) -> np.ndarray:
         """The planner's way from `start` (x, z) over `via` to `to`, ``[P, 3]``; UserError when there is none."""
@@ -310,6 +320,18 @@ class TaskTable(_Table):
         """The goals as terms, without those of `walk`, which depend on the start."""
         return tuple(g if isinstance(g, Term) else Term.from_table(_mapping(g), self.folder) for g in self.goals)
 
+    def seen_from(self: AnyTask, origin: Place) -> AnyTask:
+        """The same start, walk and goals in the frame that begins at `origin` (m, world); the scene stays as it is."""
+        if origin == HOME:
+            return self
+        by = back(origin)
+        start = self.start.moved(by) if isinstance(self.start, Start) else self.start
+        goals = tuple(term.moved(by) for term in self.terms)
+        walk = None if self.walk is None else self.walk.moved(by)
+        seen = self.model_copy(update={"start": start, "walk": walk, "goals": goals})
+        seen.__dict__.pop("terms", None)  # the copy would keep those of the goals before
+        return seen
+
     def load_scene(self) -> Scene:
         """The scene, read but not yet baked."""
         return self.scene if isinstance(self.scene, Scene) else self.scene.build()
@@ -326,6 +348,11 @@ class TaskTable(_Table):
         values["scene"] = table
         values["goals"] = [term_table(g) if isinstance(g, Term) else plain(g) for g in self.goals]
         return values
+
+
+def _moved(place: Sequence[float], by: Place) -> tuple[float, ...]:
+    """[x, z] or [x, y, z] moved by so much (m)."""
+    return tuple(a + b for a, b in zip(place, by if len(place) == 3 else by[::2], strict=True))
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:

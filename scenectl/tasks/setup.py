@@ -14,6 +14,7 @@ from scenectl.generators.spec import Spec
 from scenectl.tasks.schema import Start, TaskTable, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
+from scenes.motion.frames import Place
 from scenes.motion.motion import Motion, Pose2D
 from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import path_length
@@ -34,12 +35,15 @@ GROUND = 0.2
 class Setup:
     """A task made concrete: read, planned and checked.
 
+    All but the task is stated in the frame that begins at `origin`: the world's, or one near a scene that is far from
+    the world's origin.
+
     Attributes:
         task: what it was made from.
         scene, body, context, objective: what goals look at, and the goals, those of `walk` first.
-        start: rigid transform of the canonical motion, world metres and radians.
+        start: rigid transform of the canonical motion, metres and radians.
         seconds: length.
-        path: the planned walk, ``[P, 3]`` world metres at floor height, or None.
+        path: the planned walk, ``[P, 3]`` metres at floor height, or None.
     """
 
     task: TaskTable
@@ -50,6 +54,11 @@ class Setup:
     start: Pose2D
     seconds: float
     path: np.ndarray | None
+
+    @property
+    def origin(self) -> Place:
+        """Where in the world (m) the frame begins."""
+        return self.scene.origin
 
 
 def plan(

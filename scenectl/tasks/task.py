@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from scenectl.generators.spec import Spec
-from scenectl.tasks.schema import GeneratorSpec, TaskTable, known_keys
+from scenectl.tasks.schema import GeneratorSpec, Start, TaskTable, known_keys
 from scenectl.tasks.setup import Setup, plan
 from scenes.errors import UserError, did_you_mean
+from scenes.motion.frames import HOME, Place, back, origin_near
 from scenes.motion.motion import Pose2D
 from scenes.validation import sentence
 from scenes.world.scene import Scene
@@ -26,8 +28,36 @@ class Task(TaskTable):
         scene: Scene | None = None,
         spec: Spec | None = None,
     ) -> Setup:
-        """Everything a generator needs, checked; arguments as `plan` takes them."""
-        return plan(self, seed, start, scene, spec)
+        """Everything a generator needs, checked; arguments as `plan` takes them, in world coordinates.
+
+        A scene far from the origin is planned, and its motions made, in a frame near it: see `Setup.origin`.
+        """
+        scene = self.load_scene() if scene is None else scene
+        origin = self.origin(scene, start)
+        if origin == HOME:
+            return plan(self, seed, start, scene, spec)
+        start = None if start is None else start.moved(back(origin))
+        try:
+            setup = plan(self.seen_from(origin), seed, start, scene.seen_from(origin), spec)
+        except UserError as error:
+            frame = f"places are stated in the frame near the scene that begins at {list(origin)} m"
+            raise UserError(f"{error} ({frame})") from error
+        return replace(setup, task=self)
+
+    def origin(self, scene: Scene, start: Pose2D | None = None) -> Place:
+        """Where the frame begins (m, world) that a scene is computed in: near it, or on bare floor near the start."""
+        if scene.origin != HOME:
+            return scene.origin
+        # Without a mesh the floor reaches 20 m around the origin of its frame, so that must be nearer.
+        step = 100.0 if scene.meshes else 20.0
+        if (middle := scene.middle) is not None:
+            return origin_near(middle, step)
+        x, z = 0.0, 0.0
+        if start is not None:
+            x, _, z = start.position
+        elif isinstance(self.start, Start):
+            x, *_, z = self.start.position
+        return origin_near((x, scene.floor.height, z), step)
 
     def with_generator(self, name: str | None = None, weights: str | None = None) -> Task:
         """The same task for another family or other weights; raises UserError where its settings are not that one's."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from scenectl.view.picture import Picture
 from scenectl.view.window import open_window
+from scenes.motion.frames import origin_near
 from scenes.world.scene import Scene
 
 if TYPE_CHECKING:
@@ -19,19 +20,21 @@ __all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_result", "of
 
 def of_scene(scene: Scene) -> Picture:
     """A scene alone."""
-    return Picture(scene)
+    return Picture(scene if scene.middle is None else scene.seen_from(origin_near(scene.middle)))
 
 
 def of_result(result: Result, sample: int = 0) -> Picture:
     """One motion of a result in its scene; 0 is the best."""
     setup = result.setup
-    return Picture(setup.scene, result.motion[sample], setup.path, setup.objective, setup.task.prompt, setup.body)
+    motion = result.motion[sample].seen_from(setup.origin)
+    return Picture(setup.scene, motion, setup.path, setup.objective, setup.task.prompt, setup.body)
 
 
 def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     """One motion of a folder that `scenectl run` wrote; raises UserError for another folder or a missing sample."""
     from objectives import Objective
     from scenectl.pipeline.results import load_result
+    from scenectl.tasks.setup import start_of
     from scenectl.tasks.task import Task
     from scenes.errors import UserError
 
@@ -41,10 +44,12 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
         raise UserError(f"'{folder}' holds {count} motions; --sample goes from 0 to {count - 1}")
     one = motion[sample] if motion.joints.ndim == 4 else motion
     task = Task(**report["task"])
-    walk = report.get("walk")
-    path = None if walk is None else np.array(walk["path"])
+    walk, scene = report.get("walk"), task.load_scene()
+    origin = task.origin(scene, start_of(one, task.load_body()))
+    task, one, scene = task.seen_from(origin), one.seen_from(origin), scene.seen_from(origin)
+    path = None if walk is None else np.array(walk["path"]) - origin
     terms = () if task.walk is None or path is None else task.walk.terms(path, float(report["seconds"]), motion.fps)
-    return Picture(task.load_scene(), one, path, Objective((*terms, *task.terms)), task.prompt, task.load_body())
+    return Picture(scene, one, path, Objective((*terms, *task.terms)), task.prompt, task.load_body())
 
 
 def draw_result(result: Result, png: str | Path) -> None:

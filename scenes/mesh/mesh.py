@@ -14,6 +14,7 @@ from scenes.errors import UserError, did_you_mean
 from scenes.mesh.content import Content, distinct, joined
 from scenes.mesh.reading import FORMATS, read_content
 from scenes.mesh.scale import TO_Y_UP, UNITS, check_extent, doubts, in_metres
+from scenes.mesh.stray import without_strays
 
 _UNIT_WORDS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
@@ -81,6 +82,10 @@ class Mesh:
             False  # the digest must stay true
         )
 
+    def moved(self, by: Sequence[float]) -> Mesh:
+        """The same elsewhere, by so much (m)."""
+        return replace(self, vertices=self.vertices + by, digest="")
+
     @property
     def triangles(self) -> np.ndarray:
         """Corner positions of every triangle, ``[F, 3, 3]``, metres."""
@@ -92,7 +97,8 @@ def load_mesh(path: str | Path, unit: str | None = None, up: str | None = None) 
     """Read a mesh file into metres, y up.
 
     Args:
-        path: a GLB, glTF, OBJ, PLY, STL or OFF file. Scenes of several parts become one mesh.
+        path: a GLB, glTF, OBJ, PLY, STL or OFF file. Scenes of several parts become one mesh. A few small triangles far
+            from all else are left out, with a doubt (`scenes.mesh.stray`).
         unit: "m", "cm", "mm", "in" or "ft". Default: metres for glTF (its standard says so); for the others
             what a header comment such as ``comment unit: mm`` states, else metres.
         up: "x", "y" or "z", the axis that points up in the file. Default: y, or what a header comment such as
@@ -152,13 +158,15 @@ def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[
 
 
 def _mesh(name: str, path: Path, shape: tuple[np.ndarray, np.ndarray], unit: str | None, up: str | None) -> Mesh:
+    """The mesh that was read, in metres and y up, without its stray triangles."""
     unit, up = unit or "m", up or "y"
-    return Mesh(in_metres(shape[0], unit, up), shape[1], name, str(path), unit, up)
+    vertices, faces, strays = without_strays(in_metres(shape[0], unit, up), shape[1], name)
+    return Mesh(vertices, faces, name, str(path), unit, up, doubts=strays)
 
 
 def _doubted(mesh: Mesh, content: Content, triangles: np.ndarray, said: tuple[str | None, str | None]) -> Mesh:
     """The mesh with what is in doubt about its file, whose triangles (m) are all of these."""
-    found = (*content.doubts, *doubts(f"'{Path(mesh.source).name}'", triangles, *said))
+    found = (*mesh.doubts, *content.doubts, *doubts(f"'{Path(mesh.source).name}'", triangles, *said))
     return replace(mesh, doubts=found) if found else mesh
 
 

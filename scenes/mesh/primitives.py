@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields
-from typing import Any, TypeAlias
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh
-from scenes.motion.frames import about_y
+from scenes.motion.frames import about_y, shifted
 from scenes.motion.waypoints import Number, Vector, Waypoints, moment
 from scenes.numbers import finite, positive, vector
 
@@ -35,8 +35,13 @@ def _motion(value: Any, what: str) -> Waypoints | None:
     return Waypoints(**value)
 
 
+AnyShape = TypeVar("AnyShape", bound="_Shape")
+
+_PLACES = ("center", "a", "b", "point")
+"""Fields of shapes that are places in the world."""
+
 _CHECKS: dict[str, Callable[[Any, str], Any]] = {
-    **dict.fromkeys(("center", "a", "b", "point", "normal"), vector),
+    **dict.fromkeys((*_PLACES, "normal"), vector),
     **dict.fromkeys(("radius", "height"), positive),
     "size": _sizes,
     "yaw": finite,
@@ -56,6 +61,14 @@ class _Shape:
     def checked(cls, name: str, value: Any) -> Any:
         """What a field becomes; raises UserError for a value that it cannot have."""
         return _CHECKS[name](value, f"{cls.__name__.lower()} {'end ' if name in ('a', 'b') else ''}{name}")
+
+    def moved(self: AnyShape, by: Vector) -> AnyShape:
+        """The same elsewhere, by so much (m)."""
+        stated = vars(self)
+        new: dict[str, Any] = {name: shifted(stated[name], by) for name in _PLACES if name in stated}
+        if stated.get("motion") is not None:
+            new["motion"] = stated["motion"].moved(by)
+        return replace(self, **new)  # type: ignore[type-var]  # every shape is a dataclass
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.files import atomic_write, read_arrays
-from scenes.motion.frames import about_y
+from scenes.motion.frames import HOME, Place, about_y, back, fine_enough, shifted
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 
@@ -39,13 +39,18 @@ class Pose2D:
         """World to canonical, metres."""
         return (points - points.new_tensor(self.position)) @ points.new_tensor(about_y(self.heading))
 
+    def moved(self, by: Place) -> Pose2D:
+        """The same elsewhere, by so much (m)."""
+        return Pose2D(shifted(self.position, by), self.heading)
+
 
 @dataclass(frozen=True)
 class Motion:
     """Joint positions over time.
 
     Attributes:
-        joints: world positions, metres, ``[*b, T, J, 3]``, y up.
+        joints: world positions, metres, ``[*b, T, J, 3]``, y up; in double precision where they are far from the origin
+            (`scenes.motion.frames.FAR`).
         valid: True where a frame is real and not padding, ``[*b, T]``.
         fps: frames a second.
         t0: time of frame 0 on the task's clock, seconds.
@@ -106,14 +111,30 @@ class Motion:
         """The same motion moved from the canonical frame to the world."""
         return replace(self, joints=start.apply(self.joints))
 
+    def moved(self, by: Place) -> Motion:
+        """The same elsewhere, by so much (m), in double precision; unchanged where `by` is nothing."""
+        if by == HOME:
+            return self
+        far = torch.tensor(by, dtype=torch.float64, device=self.joints.device)
+        return replace(self, joints=self.joints.double() + far)
+
+    def seen_from(self, origin: Place) -> Motion:
+        """The same in the frame that begins at `origin` (m, world), in single precision; unchanged in the world's."""
+        if origin == HOME:
+            return self
+        return replace(self, joints=self.moved(back(origin)).joints.float())
+
     def __getitem__(self, sample: int) -> Motion:
         """One motion of a batch."""
         return replace(self, joints=self.joints[sample], valid=self.valid[sample])
 
     def save(self, path: str | Path, **extra: np.ndarray | float | int | str) -> None:
-        """Write `joints`, `valid`, `fps`, `t0`, joint names and parents, and `extra`, to an .npz file."""
+        """Write `joints`, `valid`, `fps`, `t0`, joint names and parents, and `extra`, to an .npz file.
+
+        Joints are float32, or float64 where they are far from the origin (`scenes.motion.frames.fine_enough`).
+        """
         arrays: dict[str, Any] = {
-            "joints": self.joints.detach().cpu().numpy().astype(np.float32),
+            "joints": fine_enough(self.joints.detach().cpu().numpy()),
             "valid": self.valid.cpu().numpy(),
             "fps": np.float64(self.fps),
             "t0": np.float64(self.t0),
@@ -138,7 +159,7 @@ class Motion:
             tuple(int(parent) for parent in data["parents"]),
             tuple((float(o[0]), float(o[1]), float(o[2])) for o in data["offsets"]),
         )
-        joints = torch.from_numpy(data["joints"].astype(np.float32))
+        joints = torch.from_numpy(fine_enough(data["joints"]))
         valid = torch.from_numpy(data["valid"].astype(bool))
         motion = cls(joints, valid, float(data["fps"]), float(data["t0"]), skeleton)
         if joints.numel() == 0:

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from scenes.errors import UserError
+from scenes.motion.frames import shifted
 from scenes.numbers import finite, vector
 
 Number: TypeAlias = float | int
@@ -40,6 +41,10 @@ class Waypoints:
             raise UserError(f"waypoint times are {list(times)}; give seconds, each later than the one before")
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "positions", positions)
+
+    def moved(self, by: Vector) -> Waypoints:
+        """The same way elsewhere, by so much (m)."""
+        return Waypoints(self.times, [shifted(place, by) for place in self.positions])
 
     def at(self, time: Float[Tensor, "*t"]) -> Float[Tensor, "*t 3"]:
         """Position (m) at each time (s), differentiable in time."""

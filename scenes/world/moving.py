@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -76,6 +76,10 @@ class Trajectory:
     def way(self) -> Waypoints:
         """The positions alone."""
         return Waypoints(self.times, self.positions)
+
+    def moved(self, by: Vector) -> Trajectory:
+        """The same elsewhere, by so much (m)."""
+        return replace(self, positions=self.way.moved(by).positions)
 
     @property
     def turns(self) -> bool:
@@ -260,6 +264,10 @@ class MovingObject:
     def _sides(self) -> Sides:
         surface = Surface.of(self.solid)
         return decide(surface, "outside", surface.bounds, self.name)
+
+    def moved(self, by: Vector) -> MovingObject:
+        """The same on a trajectory elsewhere, by so much (m)."""
+        return replace(self, trajectory=self.trajectory.moved(by))
 
     def mesh(self, time: Number = 0.0) -> Mesh:
         """Its triangles where they are at `time` (s), world metres."""

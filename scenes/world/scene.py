@@ -19,6 +19,7 @@ from scenes.errors import UserError, did_you_mean
 from scenes.mesh.mesh import Mesh, hull, load_mesh
 from scenes.mesh.primitives import Capsule, Plane, Primitive, Sphere
 from scenes.mesh.surface import Surface, thin_walls
+from scenes.motion.frames import HOME, Place, back, shifted
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.bake_blocks import bake_blocks
 from scenes.sdf.exact import signed_distance
@@ -31,6 +32,13 @@ from scenes.world.moving import MovingObject
 
 DENSE = 2**26
 """Nodes up to which a stated spacing gives a dense grid: 256 MB."""
+
+_FRAME = (
+    "the scene is far from the origin, where single precision is too coarse, so it is computed in a frame that begins "
+    "at {} m, in which places in doubts about its grids are stated; results are stated in the world; move the scene to "
+    "settle it"
+)
+"""What is said of a scene in a frame of its own."""
 
 BUNDLED = Path(__file__).parents[1] / "bundled"
 
@@ -50,6 +58,7 @@ class Scene:
         *,
         objects: Sequence[MovingObject] = (),
         name: str = "scene",
+        origin: Place = HOME,
         **baking: Unpack[BakeOptions],
     ) -> None:
         """Describe a scene.
@@ -61,6 +70,7 @@ class Scene:
                 the distance; otherwise the floor is that of the meshes, found when asked for.
             objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
             name: for reports.
+            origin: where in the world (m) the frame begins that all coordinates here are stated in.
             **baking: how each mesh is baked, any of `BakeSettings`. A seed point for `free_space` applies to the meshes
                 whose bounds hold it, and must lie within at least one; the others are solid inside. Where a dense grid
                 of a stated `spacing` would be large, its nodes are kept near surfaces only (see
@@ -71,6 +81,7 @@ class Scene:
         self.objects = tuple(objects)
         self.baking = BakeSettings(**baking)
         self.name = name
+        self.origin = origin
         self.stated_floor = 0.0 if floor is None and not self.meshes else floor
         if self.stated_floor is not None and not np.isfinite(self.stated_floor):
             raise UserError(f"scene '{name}': the floor height is {floor}; give finite metres")
@@ -79,6 +90,34 @@ class Scene:
     def empty(cls, floor: float | int = 0.0) -> Scene:
         """A floor plane and nothing else."""
         return cls(floor=floor, name="empty")
+
+    def seen_from(self, origin: Place) -> Scene:
+        """The same scene in the frame that begins at `origin` (m, world): nothing but coordinates change."""
+        if origin == self.origin:
+            return self
+        by, how = shifted(self.origin, back(origin)), vars(self.baking)
+        if not isinstance(self.baking.free_space, str):
+            how = {**how, "free_space": shifted(self.baking.free_space, by)}
+        return Scene(
+            [mesh.moved(by) for mesh in self.meshes],
+            [shape.moved(by) for shape in self.primitives],
+            None if self.stated_floor is None else self.stated_floor + by[1],
+            objects=[thing.moved(by) for thing in self.objects],
+            name=self.name,
+            origin=origin,
+            **how,
+        )
+
+    @property
+    def middle(self) -> np.ndarray | None:
+        """Middle ``[3]`` (m) of its meshes, without any of its shapes and objects; None of a floor alone."""
+        solids = [mesh.bounds for mesh in self.meshes] or self._loose
+        return hull(solids).mean(axis=0) if solids else None
+
+    @cached_property
+    def _loose(self) -> list[np.ndarray]:
+        """Bounds of what is in no mesh of its own: objects and shapes, with their motions."""
+        return [t.bounds for t in self.objects] + [_reach(p) for p in self.primitives if not isinstance(p, Plane)]
 
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
@@ -206,8 +245,7 @@ class Scene:
 
         A scene with nothing but a floor has no bounds of its own; it is given 40 x 4 x 40 m around the origin.
         """
-        solids = [mesh.bounds for mesh in self.meshes] + [thing.bounds for thing in self.objects]
-        solids += [_reach(p) for p in self.primitives if not isinstance(p, Plane)]
+        solids = [mesh.bounds for mesh in self.meshes] + self._loose
         if self.meshes:
             return hull(solids)
         low = self.stated_floor or 0.0
@@ -232,7 +270,8 @@ class Scene:
         """What may be wrong with the scene as it was read and baked, one sentence each; bakes as `report` does."""
         meshes = [*self.meshes, *(thing.shape for thing in self.objects if isinstance(thing.shape, Mesh))]
         bakes = [*self.bakes, *(thing.bake for thing in self.objects if thing.bake is not None)]
-        found = [*(mesh.doubts for mesh in meshes), *(bake.doubts for bake in bakes)]
+        frame = () if self.origin == HOME else (_FRAME.format(list(self.origin)),)
+        found = [frame, *(mesh.doubts for mesh in meshes), *(bake.doubts for bake in bakes)]
         return tuple(dict.fromkeys(chain.from_iterable(found)))
 
     def __repr__(self) -> str:

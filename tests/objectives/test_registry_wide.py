@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
-from objectives import Objective, Term, goals
+from objectives import Context, Objective, Term, WorldZ, forget, goal, goals
+from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from tests.objectives.cases import EXAMPLES, SATISFIED, context, standing, wandering
 
@@ -134,3 +136,32 @@ def test_rows_for_least_squares(name: str, example: Any, kernel: str) -> None:
     (wanted,) = torch.autograd.grad(cost.sum(), joints)
     (found,) = torch.autograd.grad(squares.sum(), joints)
     torch.testing.assert_close(found, wanted)
+
+
+@pytest.mark.parametrize(("name", "example"), CASES)
+def test_where_everything_lies_elsewhere_nothing_changes(name: str, example: Any) -> None:
+    """Every coordinate of a goal says that it is one, those that it takes by default too."""
+    one, motion, world, by = term(name, example(0.0)), wandering(2), context(), (5.0, 3.0, -7.0)
+    ball = replace(world.scene, center=tuple(np.add(world.scene.center, by)), floor=by[1])
+    there = motion.moved(by), Context(ball, world.body)
+    torch.testing.assert_close(one.moved(by).residual(*there), one.residual(motion, world), atol=1e-9, rtol=0)
+    assert [m.shape for m in one.moved(by).marks(there[0][0], there[1])] == [
+        m.shape for m in one.marks(motion[0], world)
+    ]
+    back = one.moved(by).moved((-5.0, -3.0, 7.0))
+    torch.testing.assert_close(back.residual(motion, world), one.residual(motion, world), atol=1e-9, rtol=0)
+
+
+def test_a_number_that_can_only_be_a_coordinate_says_which() -> None:
+    @goal(unit="m")
+    def beside(motion: Motion, context: Context, *, x: float = 0.0, z: WorldZ = 0.0, strength: float = 2000.0) -> Any:
+        """Stay there."""
+        return motion.joint("pelvis")[..., ::2] - torch.tensor([x, z])
+
+    try:
+        assert Term(beside, {"z": 4500002.0}).moved((-5e5, 0.0, -4.5e6)).parameters["z"] == 2.0
+        message = r"goal 'beside': parameter 'x': 500002.25 looks like a coordinate .* annotate it .* WorldX"
+        with pytest.raises(UserError, match=message):
+            Term(beside, {"x": 500002.25}).moved((-5e5, 0.0, -4.5e6))
+    finally:
+        forget("beside")

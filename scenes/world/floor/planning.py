@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from scenes.errors import UserError
+from scenes.motion.frames import fine_enough
 from scenes.world.floor.polyline import resample
 from scenes.world.scene import Scene
 
@@ -267,7 +268,7 @@ def _layer(scene: Scene, x: np.ndarray, z: np.ndarray, y: float) -> np.ndarray:
     """Distance (m) of the scene on a horizontal grid ``[X, Z]`` at height y."""
     grid = np.stack(np.broadcast_arrays(x[:, None], y, z[None, :]), axis=-1)
     with torch.no_grad():
-        distance = scene.distance(torch.from_numpy(grid).float())
+        distance = scene.distance(torch.from_numpy(fine_enough(grid)))
     return np.asarray(distance.double())
 
 

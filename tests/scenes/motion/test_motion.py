@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from hypothesis import given, strategies as st
 
 from scenes.errors import UserError
-from scenes.motion.motion import Motion
+from scenes.motion.frames import FAR, HOME, Place, back, origin_near
+from scenes.motion.motion import Motion, Pose2D
 
 MOTION = Motion(torch.rand(2, 5, 22, 3, generator=torch.Generator().manual_seed(0)), fps=25.0, t0=0.5)
 
@@ -19,6 +22,31 @@ def test_a_motion_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     again = Motion.load(tmp_path / "motion.npz")
     assert torch.equal(again.joints, MOTION.joints) and torch.equal(again.valid, MOTION.valid)
     assert (again.fps, again.t0, again.skeleton) == (25.0, 0.5, MOTION.skeleton)
+
+
+def test_far_from_the_origin_doubles_are_kept_and_near_it_single_precision_is(tmp_path: Path) -> None:
+    far = MOTION.moved((500_000.0, 0.0, 4_500_000.0))
+    assert far.joints.dtype == torch.float64 and MOTION.moved(HOME) is MOTION
+    gap = replace(far, joints=far.joints.clone(), valid=far.valid.clone())
+    gap.joints[0, -1], gap.valid[0, -1] = torch.nan, False
+    for motion, kind in ((far, torch.float64), (MOTION, torch.float32), (MOTION.moved((9.0, 0.0, 0.0)), torch.float32)):
+        motion.save(tmp_path / "motion.npz")
+        again = Motion.load(tmp_path / "motion.npz")
+        assert again.joints.dtype == kind and torch.equal(again.joints, motion.joints.to(kind))
+    gap.save(tmp_path / "motion.npz")  # padding may hold anything
+    with np.load(tmp_path / "motion.npz") as data:
+        assert data["joints"].dtype == np.float64
+
+
+@given(place=st.tuples(*[st.floats(-1e7, 1e7)] * 3), step=st.sampled_from((20.0, 100.0)))
+def test_a_frame_begins_near_what_is_far_and_comes_and_goes_without_a_trace(place: Place, step: float) -> None:
+    origin = origin_near(place, step)
+    for at, begin in zip(place, origin, strict=True):
+        assert begin % step == 0 and abs(at - begin) <= (step / 2 if abs(at) >= FAR else abs(at))
+    there = MOTION.moved(origin)
+    assert torch.allclose(there.seen_from(origin).joints, MOTION.joints, atol=2e-9, rtol=0)
+    pose = Pose2D(place, 0.3)
+    np.testing.assert_allclose(pose.moved(back(origin)).moved(origin).position, place, atol=2e-9, rtol=0)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,10 @@ import torch
 import scenes.world.scene as module
 from scenes.errors import UserError
 from scenes.mesh.mesh import Mesh
-from scenes.mesh.primitives import Box, Capsule, Plane, Sphere
+from scenes.mesh.primitives import Box, Capsule, Cylinder, Plane, Sphere
+from scenes.motion.frames import HOME, Place
 from scenes.motion.waypoints import Waypoints
+from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
 ROOM, TABLE = Box((0.0, 1.25, 0.0), (4.0, 2.5, 3.0)), Box((1.0, 0.7, 0.0), (0.8, 0.4, 1.1))
@@ -69,6 +72,37 @@ def test_batches_of_motions_with_times(scene: Scene) -> None:
     assert whole.shape == (2, 5, 7)
     torch.testing.assert_close(whole[1, 3], scene.distance(p[1, 3], times[3]))
     assert scene.distance(p.float(), times[:, None].float()).dtype == torch.float32
+
+
+@pytest.mark.parametrize("floor", [None, 0.5])
+@pytest.mark.parametrize("origin", [(500_000.0, 0.0, 4_500_000.0), (-3.0, 2.0, 100.0)])
+def test_another_frame_changes_coordinates_and_nothing_else(origin: Place, floor: float | None) -> None:
+    seed = (0.5, 1.2, 0.0)
+    cart = MovingObject(TABLE, Trajectory((0, 2), ((0, 0, 0), (1, 0, 0)), (0, 1)))
+    shapes = [BALL, Cylinder((1, 1, 1), 0.2, 1.0), Box((0, 1, 0), (1, 1, 1), 0.4), Plane((0, 0.1, 0), (0, 1, 1))]
+    here = Scene([walls()], shapes, floor, objects=[cart], resolution=32, cache=None, free_space=seed)
+    seen = here.seen_from(origin)
+    where, when = points(), 2 * torch.rand(300, dtype=torch.float64)
+    away = where - torch.tensor(origin, dtype=torch.float64)
+    torch.testing.assert_close(seen.distance(away, when), here.distance(where, when), atol=1e-6, rtol=0)
+    np.testing.assert_allclose(
+        seen.distance_exact(away.numpy(), when.numpy()), here.distance_exact(where.numpy(), when.numpy()), atol=1e-6
+    )
+    np.testing.assert_allclose(seen.bounds + origin, here.bounds, atol=1e-8)
+    assert seen.floor.height + origin[1] == pytest.approx(here.floor.height, abs=1e-8)
+    assert seen.middle is not None and np.allclose(seen.middle + origin, here.middle)
+    again = seen.seen_from(HOME)
+    np.testing.assert_allclose(again.distance_exact(where.numpy()), here.distance_exact(where.numpy()), atol=1e-6)
+    assert replace(again.baking, free_space=seed) == here.baking and np.allclose(again.baking.free_space, seed)
+    assert again.stated_floor == floor and again.name == here.name and again.objects[0].trajectory == cart.trajectory
+    assert here.seen_from(HOME) is here and here.doubts == ()
+    assert [doubt for doubt in seen.doubts if str(list(origin)) in doubt and "frame" in doubt]
+
+
+def test_the_middle_is_that_of_meshes_or_else_of_shapes() -> None:
+    far = Box((900, 0, 0), (1, 1, 1))
+    assert np.allclose(Scene([TABLE.mesh()], [far]).middle, TABLE.center) and Scene.empty().middle is None
+    assert np.allclose(Scene([], [far, Plane((0, 0, 0))]).middle, (900, 0, 0))
 
 
 def test_an_empty_scene_is_a_floor() -> None:

@@ -1,0 +1,112 @@
+"""Files are whole or absent, and a disk that is full is named by the file that did not fit."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from scenectl.bench.engine import Engine
+from scenectl.export.bvh import write_bvh
+from scenes.errors import UserError
+from scenes.files import atomic_write, write_json
+from scenes.mesh.primitives import Box
+from scenes.motion.bones import rest_pose
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D
+from scenes.sdf.bake import bake
+
+FULL = "cannot write '{}': No space left on device"
+
+
+def person() -> Motion:
+    return Motion(torch.as_tensor(rest_pose(HUMANML3D), dtype=torch.float32).expand(40, 22, 3).clone())
+
+
+def png(path: Path) -> None:
+    from PIL import Image
+
+    with atomic_write(path) as file:  # as `scenectl.view.stage.write` does
+        Image.fromarray(np.zeros((300, 300, 3), np.uint8)).save(file, format="PNG", compress_level=0)
+
+
+WRITES: dict[str, Callable[[Path], Any]] = {
+    "motion.npz": lambda path: person().save(path),
+    "report.json": lambda path: write_json({"a": [1.0] * 10_000}, path),
+    "small.json": lambda path: write_json({}, path),
+    "grid.npz": lambda path: bake(Box((0, 0, 0), (1, 1, 1)).mesh(), 16, cache=None).grid.save(path),
+    "walk.bvh": lambda path: write_bvh(person(), path),
+    "preview.png": png,
+}
+
+
+@contextmanager
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Temporary files can be made, as an inode costs nothing, and nothing fits into them."""
+
+    def made(dir: Path, prefix: str, suffix: str) -> tuple[int, str]:
+        name = Path(dir, f"{prefix}0{suffix}")
+        name.touch()
+        return os.open("/dev/full", os.O_WRONLY), str(name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tempfile, "mkstemp", made)
+        patch.setattr(os, "fchmod", lambda handle, mode: None)  # the device's own mode is none of ours
+        yield
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("name", WRITES)
+@pytest.mark.filterwarnings("error")  # such as an exception that a half-written archive raises when it is collected
+def test_a_full_disk_is_one_sentence_that_names_the_file(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"the old one")
+    with full_disk(monkeypatch), pytest.raises(UserError) as caught:
+        WRITES[name](path)
+    assert str(caught.value) == FULL.format(path)
+    assert os.listdir(tmp_path) == [name] and path.read_bytes() == b"the old one"
+
+
+def test_a_disk_that_is_full_only_at_the_end_names_the_file_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    for name, write in WRITES.items():
+        with pytest.raises(UserError, match=rf"cannot write '.*{name}': No space left on device"):
+            write(tmp_path / name)
+    assert os.listdir(tmp_path) == []
+
+
+def test_what_else_the_system_refuses_names_the_file(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(UserError, match=r"cannot write '.*folder': Is a directory"):
+        write_json({}, tmp_path / "folder")
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match=r"cannot write '.*below.json': (Not a directory|File exists)"):
+        write_json({}, tmp_path / "file" / "below.json")
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
+
+
+def test_a_cache_on_a_full_disk_costs_time_and_not_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with full_disk(monkeypatch), pytest.warns(UserWarning, match=r"could not be cached: cannot write '.*\.npz': No sp"):
+        result = bake(Box((0, 0, 0), (1, 1, 1)).mesh(), 16, cache=tmp_path)
+    assert result.grid.values.isfinite().all() and os.listdir(tmp_path) == []
+
+
+def test_rows_that_a_bench_keeps_name_their_file(tmp_path: Path) -> None:
+    engine = Engine(file=tmp_path / "bench.json")
+    (tmp_path / "bench.json.rows").symlink_to("/dev/full")
+    with pytest.raises(UserError, match=r"cannot write '.*bench.json.rows': No space left on device"):
+        engine.run([("one", 1)], lambda case: [{"n": case}], lambda rows: {}, {})
