@@ -116,7 +116,6 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     soup = Soup.of(sides.surface, lattice)
     distance = unsigned(soup, threads)
     signs = sign(distance, soup, sides, lattice.spacing, threads)
-    doubts = sides.rule.doubts + doubts_about(distance, signs, sides, lattice, mesh.name)
     if (thin := thin_walls(sides.surface, thickness)) is not None:
         walls = unsigned(Soup.of(thin, lattice), threads)
         walls *= np.float32(lattice.spacing)
@@ -125,9 +124,9 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     margin = max(lattice.margin(sides.surface.bounds) - (thickness / 2 if thin is not None else 0.0), 0.0)
     origin = torch.tensor(lattice.origin, dtype=torch.float64)
     grid = SdfGrid(torch.from_numpy(distance), origin, lattice.spacing, sides.beyond, margin)
-    if thickness < lattice.spacing:
-        doubts += thin_doubts(sides, grid.near, lattice.spacing, mesh.name)
+    walls_lost = () if thickness >= lattice.spacing else thin_doubts(sides, grid.near, lattice.spacing, mesh.name)
     rule = sides.rule
+    doubts = (*rule.doubts, *doubts_about(distance, signs, sides, lattice, mesh.name), *walls_lost)
     return Bake(grid, rule.name, signs, rule.inward, rule.message, doubts)
 
 

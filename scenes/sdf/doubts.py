@@ -16,7 +16,7 @@ MUCH = 0.01
 
 def doubts_about(distance: np.ndarray, signs: Signs, sides: Sides, lattice: Lattice, name: str) -> tuple[str, ...]:
     """Sentences about signed distances (m) at the nodes of a lattice; raises UserError where nothing is free."""
-    if distance.max() <= 0:
+    if distance.max() <= 0 > distance.min():
         raise UserError(
             f"mesh '{name}' leaves no free space: all within its bounds is solid; state free_space as a point [x, y, z]"
             ' in the air, or "outside"'
@@ -26,8 +26,8 @@ def doubts_about(distance: np.ndarray, signs: Signs, sides: Sides, lattice: Latt
     found = []
     if distance.min() >= 0:
         found.append(
-            f"mesh '{name}' encloses nothing, so that all of its space is free and what lies behind its walls is not"
-            " solid; state thickness = 0.1 to give the walls one, or free_space as a point [x, y, z] in a room's air"
+            f"mesh '{name}' encloses nothing, so that all of its space is free, behind its walls too; state thickness to"
+            " make them solid, or free_space as a point [x, y, z] in a room's air"
         )
     if signs.uncertain is not None and (share := float(signs.uncertain.mean())) >= MUCH:
         found.append(

@@ -20,6 +20,7 @@ _STEP = 0.2  # metres between the heights that are asked for
 _SEAT, _SILL = 0.2, 1.3  # heights of furniture above the floor, metres
 _FURNISHED = 0.1  # share of the columns that end on furniture; 0.16 and 0.19 in the two scans that we have
 _HALL = 0.25  # share of the middle height that must be enclosed for it to be worth a look
+_LEVEL = 0.4  # share of what is enclosed that lies over one level floor; 0.60 and 0.68 in the two scans
 _REST = 0.25  # share of what can be stood on inside up to which what lies outside does not count
 
 
@@ -30,7 +31,7 @@ class Room:
     Attributes:
         standing: m² on which a person could stand inside.
         outside: m² between the parts of the mesh on which one could stand outside.
-        furnished: share of the columns inside that end between seat and sill above the floor.
+        furnished: share of the columns that end between seat and sill above the floor, beside lower ones.
     """
 
     standing: float = 0.0
@@ -66,8 +67,11 @@ def room_inside(surface: Surface) -> Room:
         return Room()
     floor = np.bincount(bottom[stands]).argmax()
     above = (bottom - floor) * _STEP
-    stands &= np.abs(bottom - floor) <= 1  # a floor is level
+    stands &= np.abs(bottom - floor) <= 1
+    if stands.sum() < _LEVEL * within.any(axis=1).sum():
+        return Room()
     furnished = (above > _SEAT) & (above < _SILL) & (tall * _STEP >= STANDING - _SILL)
+    furnished &= _drops(np.where(tall > 0, bottom, -1).reshape(len(x), len(z))).reshape(-1)
     beside, under = _longest(~within & (np.cumsum(within, axis=1) > 0))
     outside = (beside * _STEP >= STANDING - _STEP / 2) & (under > 0)
     return Room(float(stands.sum()) * cell**2, float(outside.sum()) * cell**2, float(furnished.mean()))
@@ -78,6 +82,13 @@ def _within(surface: Surface, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np
     across, along, up = np.meshgrid(x, z, y, indexing="ij")
     points = np.stack([across, up, along], axis=-1).reshape(-1, 3)
     return np.asarray(surface.dipoles.at(points - surface.centre).reshape(-1, len(y)) > 0.5)
+
+
+def _drops(bottom: np.ndarray) -> np.ndarray:
+    """Columns beside one that ends two steps and more below, as furniture does and a slope does not, ``[X, Z]``."""
+    padded = np.pad(bottom, 1, constant_values=-1)
+    beside = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
+    return np.asarray(np.logical_or.reduce([(other >= 0) & (bottom - other >= 2) for other in beside]))
 
 
 def _longest(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
