@@ -92,11 +92,11 @@ class Pieces:
             own = self._dipoles(int(outer))
             held = some[_within(own, self.probes[some].reshape(-1, 3)).reshape(-1, 2).all(axis=1)]
             for inner in held:
-                if len(held) > MANY or _within(own, self._spread(int(inner))).all():
+                if len(held) > MANY or _within(own, self.spread(int(inner))).all():
                     found[int(inner)].insert(0, int(outer))
         return found
 
-    def _spread(self, piece: int) -> np.ndarray:
+    def spread(self, piece: int) -> np.ndarray:
         """Corners and other points of a piece, drawn in by a little so that none lies on a piece that it touches."""
         own = self.surface.part(
             self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], faults=self.surface.faults
@@ -127,6 +127,10 @@ class Pieces:
         """Closed pieces that hold a point ``[3]`` (m, as `boxes`), whichever way they face, the smallest first."""
         near = np.all((self.boxes[:, 0] <= point) & (point <= self.boxes[:, 1]), axis=1)
         return [i for i in list(self.holders)[::-1] if near[i] and _within(self._dipoles(i), point[None])[0]]
+
+    def hold(self, piece: int, points: np.ndarray) -> np.ndarray:
+        """True at those of ``[n, 3]`` points (m, as `boxes`) that a closed piece encloses, whichever way it faces."""
+        return _within(self._dipoles(piece), points)
 
     def _dipoles(self, piece: int) -> Dipoles:
         used, own = np.unique(self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], return_inverse=True)

@@ -26,8 +26,8 @@ def doubts_about(distance: np.ndarray, signs: Signs, sides: Sides, lattice: Latt
     found = []
     if distance.min() >= 0:
         found.append(
-            f"mesh '{name}' encloses nothing, so that all of its space is free, behind its walls too; state thickness to"
-            " make them solid, or free_space as a point [x, y, z] in a room's air"
+            f"mesh '{name}' encloses nothing, so that all of its space is free, behind its walls too; state thickness"
+            " to make them solid, or free_space as a point [x, y, z] in a room's air"
         )
     if signs.uncertain is not None and (share := float(signs.uncertain.mean())) >= MUCH:
         found.append(

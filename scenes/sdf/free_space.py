@@ -18,9 +18,9 @@ import numpy as np
 
 from scenes.errors import UserError
 from scenes.mesh.alignment import aligned
-from scenes.mesh.pieces import Pieces
+from scenes.mesh.pieces import MANY, Pieces
 from scenes.mesh.surface import Surface
-from scenes.sdf.evidence import in_front, room_inside
+from scenes.sdf.evidence import STANDING, in_front, room_inside
 from scenes.sdf.settings import FreeSpace
 from scenes.sdf.solids import Boundary, Roles
 
@@ -41,6 +41,9 @@ SHEET, NEARLY = -0.75, -0.5
 walls w is -1, of an object's 0; a sheet alone gives -1/2, a floor with two walls about -0.7: only what is enclosed for
 the most part counts as a room."""
 
+
+WARDROBE = 2.0
+"""Square metres up to which what one could stand in is taken for furniture."""
 
 SEVERAL = 0.1
 """Share of a mesh's area from which on closed rooms beside an open one count."""
@@ -184,7 +187,7 @@ class _Found:
     def outermost(self) -> np.ndarray:
         """Closed pieces that lie in no other and not in the air of an open room, ``[n]``."""
         free = (piece for piece, holders in self.pieces.holders.items() if not holders)
-        return np.array([piece for piece in free if not self._in_open_room(piece)], dtype=int)
+        return np.array([piece for piece in free if not self._in_air(piece)], dtype=int)
 
     @cached_property
     def rooms(self) -> float:
@@ -202,10 +205,34 @@ class _Found:
         loose = 0.0 if self.sheets is None else float(self.pieces.area[~self.pieces.closed].sum())
         return self.open_room or self.rooms > loose
 
-    def _in_open_room(self, piece: int) -> bool:
-        if self.sheets is None or not self.open_room:
-            return False
-        return bool((self.sheets.dipoles.at(self.pieces.probes[piece]) < IN_CUT_AWAY[1]).all())
+    @cached_property
+    def closed_rooms(self) -> list[int]:
+        """The largest of the outermost pieces that face inward, and those that one could stand in."""
+        inward = [int(piece) for piece in self.outermost if self.pieces.volume[piece] < 0]
+        inward.sort(key=lambda piece: -self.pieces.area[piece])
+        return inward[:1] + [piece for piece in inward[1:] if self._could_stand_in(piece)]
+
+    def _could_stand_in(self, piece: int) -> bool:
+        across, up, along = np.ptp(self.pieces.boxes[piece], axis=0)
+        return bool(up >= STANDING and across * along >= WARDROBE)
+
+    def _in_air(self, piece: int, rooms: Sequence[int] = ()) -> bool:
+        """A closed piece lies in the open room or in closed ones; what is no room itself may stick out of them."""
+        others = [room for room in rooms if room != piece]
+        if self._could_stand_in(piece):
+            return bool(self._air(self.pieces.spread(piece), others).all())
+        if self._air(self.pieces.probes[piece], others).any():  # tells it of nearly all, and costs little
+            return True
+        return len(self.pieces.holders) <= MANY and bool(self._air(self.pieces.spread(piece), others).any())
+
+    def _air(self, points: np.ndarray, rooms: Sequence[int]) -> np.ndarray:
+        """Which points ``[n, 3]`` lie in the open room or in some closed ones."""
+        within = np.zeros(len(points), dtype=bool)
+        if self.sheets is not None and self.open_room:
+            within |= self.sheets.dipoles.at(points) < IN_CUT_AWAY[1]
+        for room in rooms:
+            within |= self.pieces.hold(room, points)
+        return within
 
     @property
     def _about(self) -> str:
@@ -225,11 +252,11 @@ class _Found:
         message = f"{self._about} faces inward, so the space it encloses is free and all else solid"
         if not self.open_room:
             rule = Rule("inside", IN, self._loose, message, True, doubts)
-            return self._sides(rule, Roles.of(self.pieces, lambda piece: True))
+            return self._sides(rule, Roles.of(self.pieces, lambda piece: not self._in_air(piece, self.closed_rooms)))
         rule = Rule("inside", OUT, self._within_sheets, message, True, doubts)
         if self.rooms > SEVERAL * float(self.pieces.area.sum()):  # closed rooms beside an open one: asked together
             return Sides(self.surface, None, self.surface, rule)
-        return self._sides(rule, Roles.of(self.pieces, lambda piece: not self._in_open_room(piece)))
+        return self._sides(rule, Roles.of(self.pieces, lambda piece: not self._in_air(piece)))
 
     def around(self, seed: np.ndarray) -> Sides:
         """Space that is enclosed as a point is."""
@@ -243,10 +270,10 @@ class _Found:
             beyond = (round(about) - 0.5, round(about) + 0.5)
             sheets = self._within_sheets if in_open_room else beyond if about > 0.5 else self._loose
         holding = self.pieces.around(seed - self.surface.centre)
-        roles = Roles.of(self.pieces, lambda piece: in_open_room and not self._in_open_room(piece))
+        roles = Roles.of(self.pieces, lambda piece: in_open_room and not self._in_air(piece))
         closed = bool(holding) and bool(roles.matter[holding[0]])
         if closed:  # it lies in what would be a solid: that is the room
-            roles = Roles.of(self.pieces, lambda piece: True, holding[0])
+            roles = Roles.of(self.pieces, lambda piece: not self._in_air(piece, holding[:1]), holding[0])
         rule = Rule("seed", IN if closed else OUT, sheets, message, closed or in_open_room)
         return replace(self._sides(rule, roles), seed=seed)
 
