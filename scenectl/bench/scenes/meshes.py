@@ -28,6 +28,28 @@ def named(mesh: Mesh, name: str) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces, name, mesh.source)
 
 
+FACINGS = ("as-is", "reversed", "wall", "no-ceiling")
+"""Ways in which the same room may come: as it is, all of it turned, one wall turned, without what lies highest."""
+
+SKIN = 0.3
+"""Metres from the lowest x within which a triangle that faces along x is the wall, and from the top within which what
+there is goes."""
+
+
+def faced(mesh: Mesh, facing: str) -> Mesh:
+    """A room as one of `FACINGS`."""
+    low, high = mesh.bounds
+    a, b, c = np.moveaxis(mesh.triangles, 1, 0)
+    normal, middle, faces = np.cross(b - a, c - a), (a + b + c) / 3, mesh.faces
+    if facing == "no-ceiling":
+        faces = faces[middle[:, 1] < high[1] - SKIN]
+    elif facing != "as-is":
+        wall = (middle[:, 0] < low[0] + SKIN) & (np.abs(normal[:, 0]) > 0.7 * np.linalg.norm(normal, axis=1))
+        turned = wall if facing == "wall" else np.ones(len(faces), dtype=bool)
+        faces = np.where(turned[:, None], faces[:, ::-1], faces)
+    return named(Mesh(mesh.vertices, faces, mesh.name, mesh.source), f"{mesh.name} {facing}")
+
+
 def subdivided(mesh: Mesh, triangles: int) -> Mesh:
     """The same surface in so many triangles or, at worst, a quarter fewer, with no new boundary.
 
