@@ -1,4 +1,4 @@
-"""Polylines over the floor: points at even steps along them, and their length."""
+"""Polylines over the ground: points at even steps along them, their length, and the steps that they take."""
 
 from __future__ import annotations
 
@@ -16,3 +16,14 @@ def resample(line: np.ndarray, spacing: float) -> np.ndarray:
 def path_length(line: np.ndarray) -> float:
     """Length (m) of a polyline ``[n, d]``."""
     return float(np.linalg.norm(np.diff(np.asarray(line, dtype=np.float64), axis=0), axis=1).sum())
+
+
+def walked(path: np.ndarray) -> float:
+    """Length (m) of a path ``[P, 3]`` on the ground as seen from above: what noise of the ground does not lengthen."""
+    return path_length(np.asarray(path)[:, [0, 2]])
+
+
+def climbs(path: np.ndarray, step: float) -> np.ndarray:
+    """Rises (m, negative for drops) of the steps of a path ``[P, 3]`` that are higher than `step` (m), in order."""
+    rises = np.diff(np.asarray(path)[:, 1])
+    return np.asarray(rises[np.abs(rises) > step])

@@ -1,0 +1,188 @@
+"""From what can be stood on to sheets of ground, and what is clear on each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from scenes.kernels import ground as kernels
+from scenes.world.floor.ground import LARGE
+from scenes.world.floor.levels import STEP, Levels
+from scenes.world.floor.sheet import Sheet
+
+CLIMB = 0.25
+"""Highest step (m) that is climbed. Building codes allow risers up to 0.18 m (International Building Code 1011.5.2) and
+0.22 m (Approved Document K, private stairs); kerbs and worn or rough ones come on top."""
+
+FLOOR_BELOW = 0.15
+"""Half the width (m) of the widest hole, between ground or between it and an obstacle, that one steps over."""
+
+OPEN = 5.0
+"""Clearance (m) reported where no obstacle is near, and an upper limit for all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mapper:
+    """Makes the sheets of one scene for one person.
+
+    Attributes:
+        levels: of the scene.
+        distance: of the scene, m: ``[n, 3] -> [n]``.
+        floor: height of the main floor, metres.
+        radius, height: of the person, metres.
+    """
+
+    levels: Levels
+    distance: Callable[[torch.Tensor], torch.Tensor]
+    floor: float
+    radius: float
+    height: float
+
+    def sheets(self) -> tuple[Sheet, ...]:
+        """The main floor with all that hangs together with it first; then storeys that lie over or under others.
+
+        A storey counts where steps of up to `CLIMB` lead there, or where it is as large as `LARGE` asks. Each sheet
+        goes on over what others hold, as far as it is the first to get there, so that none ends where it is joined.
+        """
+        walkable = self.levels.walkable
+        order = np.nan_to_num(np.abs(walkable - self.floor), nan=np.inf)
+        nearest = order.argmin(axis=2)
+        main = np.where(order.min(axis=2) <= STEP, nearest, -1)
+        first = kernels.grown(walkable, main, CLIMB)
+        covered = _nodes(first, walkable.shape)
+        found = [first]
+        rest = ~np.isnan(walkable) & (self.levels.headroom >= self.height) & ~covered
+        for seeds in self._patches(walkable, rest):
+            more = kernels.grown(walkable, seeds, CLIMB)
+            nodes = _nodes(more, walkable.shape)
+            if (nodes & covered).any() or (seeds >= 0).sum() >= LARGE * (main >= 0).sum():
+                found.append(more)
+                covered |= nodes
+                rest &= ~nodes
+        return tuple(self._sheet(walkable, surface) for surface in found)
+
+    def _patches(self, walkable: np.ndarray, rest: np.ndarray) -> Iterator[np.ndarray]:
+        """Seeds ``[X, Z]`` in what no sheet holds yet (`rest`, which shrinks meanwhile): level, with room for a person."""
+        from scipy.ndimage import label
+
+        least = np.pi * self.radius**2 / self.levels.cell**2
+        while rest.sum() >= least:
+            heights = walkable[rest]
+            bins = np.floor((heights - heights.min()) / STEP).astype(int)
+            height = heights.min() + (np.bincount(bins).argmax() + 0.5) * STEP
+            here = rest & (np.abs(walkable - height) <= STEP)
+            rest &= ~here
+            parts, _ = label(here.any(axis=2))
+            for part in np.flatnonzero(np.bincount(parts.ravel())[1:] >= least) + 1:
+                yield np.where(parts == part, here.argmax(axis=2), -1)
+
+    def _sheet(self, walkable: np.ndarray, surface: np.ndarray) -> Sheet:
+        """What is clear on some surfaces, one a cell.
+
+        An obstacle is whatever comes between `STEP` above the ground under it and the person's height above that; for
+        who climbs, between `CLIMB` and there. Where the ground ends, and where it rises or drops by more, is an edge.
+        """
+        from scipy.ndimage import distance_transform_edt
+
+        ground = np.take_along_axis(walkable, np.maximum(surface, 0)[..., None], axis=2)[..., 0]
+        ground[surface < 0] = np.nan
+        cell = self.levels.cell
+        reach = float(np.sqrt(3) / 2 * cell)  # from a sample to the farthest point of its cube
+        missing = surface < 0
+        if missing.all():
+            near = np.full(ground.shape, self.floor)
+        else:
+            x, z = distance_transform_edt(missing, return_distances=False, return_indices=True)
+            near = ground[x, z]
+        # Ground that is the floor but for noise is asked about at the floor's height.
+        base = np.where(np.abs(near - self.floor) <= STEP / 2, self.floor, near)
+        low, high = self._columns(base, reach)
+        bridged = _closed(~missing | (np.minimum(low, high) <= reach), FLOOR_BELOW / cell)
+        heights = np.where(bridged, near, np.nan)
+        maps = []
+        for column, limit in ((np.minimum(low, high), STEP), (high, CLIMB)):
+            column = np.where(~bridged & (column > 0), -np.minimum(np.abs(self._layer(base)), cell), column)
+            column = np.where(_beside_steps(near, bridged, limit), np.minimum(column, cell / 2), column)
+            maps.append(_within(spread(column, cell, reach), cell))
+        return Sheet(heights, surface, maps[0], maps[1], self.levels.origin, cell)
+
+    def _columns(self, base: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest distance (m) in every cell's column over the ground, ``[X, Z]``: below what is climbed, and above."""
+        lowest, highest = STEP + reach, max(self.height - reach, STEP + reach)
+        low, high = np.full(base.shape, OPEN), np.full(base.shape, OPEN)
+        steps = np.linspace(lowest, highest, int(np.ceil((highest - lowest) / self.levels.cell - 1e-6)) + 1)
+        for step in steps:
+            part = high if step >= min(CLIMB + reach, highest) else low
+            np.minimum(part, self._layer(base + step), out=part)
+        return low, high
+
+    def _layer(self, y: np.ndarray) -> np.ndarray:
+        """Distance (m) of the scene over the cells' centres at heights ``[X, Z]``."""
+        x, z = (self.levels.origin[k] + self.levels.cell * np.arange(y.shape[k]) for k in range(2))
+        grid = np.stack(np.broadcast_arrays(x[:, None], y, z[None, :]), axis=-1)
+        with torch.no_grad():
+            distance = self.distance(torch.from_numpy(grid).float())
+        return np.asarray(distance.double())
+
+
+def _nodes(surface: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """True for the surfaces ``[X, Z, K]`` that a sheet holds."""
+    return np.asarray(surface[..., None] == np.arange(shape[2]))
+
+
+def _closed(ground: np.ndarray, radius: float) -> np.ndarray:
+    """Ground ``[X, Z]`` with its holes and gaps that are no wider than twice `radius` (cells) filled."""
+    from scipy.ndimage import binary_closing
+
+    size = int(radius + 1e-6)
+    if size == 0:
+        return ground
+    x, z = np.ogrid[-size : size + 1, -size : size + 1]
+    filled = binary_closing(np.pad(ground, size), x * x + z * z <= radius * radius + 1e-6)
+    return np.asarray(filled[size:-size, size:-size])
+
+
+def _beside_steps(heights: np.ndarray, ground: np.ndarray, limit: float) -> np.ndarray:
+    """True where ground rises or drops by more than `limit` (m) to one of the four neighbours, ``[X, Z]``."""
+    beside = np.zeros(heights.shape, dtype=bool)
+    for axis in range(2):
+        a, b = (np.s_[:-1, :], np.s_[1:, :]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
+        step = (np.abs(heights[a] - heights[b]) > limit) & ground[a] & ground[b]
+        beside[a] |= step
+        beside[b] |= step
+    return beside
+
+
+def _within(clearance: np.ndarray, cell: float) -> np.ndarray:
+    """Clearance (m) with the map's border as an edge."""
+    rows, columns = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in clearance.shape)
+    border = (np.minimum(rows[:, None], columns[None, :]) + 0.5) * cell
+    return np.minimum(clearance, border)
+
+
+def spread(nearest: np.ndarray, cell: float, reach: float) -> np.ndarray:
+    """Horizontal clearance (m) from the smallest distance (m) in every cell's column.
+
+    Distances in a column cannot serve as they are, for the floor is near as well. But every obstacle comes within
+    `reach` (half the diagonal of a cube of a cell's side) of a sample in its own column; such cells are the
+    obstacles, each known more exactly than its size by the distance it holds: a point is as far from the obstacle
+    as from that cell, and the remaining distance.
+    """
+    from scipy.spatial import cKDTree
+
+    blocked = np.argwhere(nearest <= reach)
+    if len(blocked) == 0:
+        return np.full(nearest.shape, OPEN)
+    tree = cKDTree(blocked)
+    remaining = nearest[blocked[:, 0], blocked[:, 1]]
+    count = min(8, len(blocked))
+    clearance = np.empty(nearest.shape)
+    columns = np.arange(nearest.shape[1])
+    for row in range(nearest.shape[0]):  # row by row, for memory's sake
+        away, which = tree.query(np.stack([np.full_like(columns, row), columns], axis=1), k=count)
+        away, which = away.reshape(-1, count), which.reshape(-1, count)
+        clearance[row] = (away * cell + remaining[which]).min(axis=1)
+    return np.minimum(clearance, OPEN)
