@@ -102,13 +102,13 @@ class Walker:
     @cached_property
     def cost(self) -> np.ndarray:
         """Cost of a metre at each cell's centre, ``[X, Z]``."""
-        return self._cost(self.clearance, self.sheet.level)
+        return self._cost(self.clearance, self.sheet.level if self.climb else None)
 
-    def _cost(self, clearance: np.ndarray, level: np.ndarray) -> np.ndarray:
+    def _cost(self, clearance: np.ndarray, level: np.ndarray | None) -> np.ndarray:
         """1 in the open, 3 along the nearest allowed line beside an obstacle, infinite beyond; `TOLL` times on steps."""
         lack = np.clip((self.radius + COMFORT - clearance) / COMFORT, 0.0, 1.0)
         cost = np.where(clearance >= self.radius, 1.0 + 2.0 * lack**2, np.inf)
-        return cost * np.where(level < self.radius, TOLL, 1.0) if self.climb else cost
+        return cost if level is None else cost * np.where(level < self.radius, TOLL, 1.0)
 
     def free_cell(self, xz: np.ndarray) -> tuple[int, int]:
         """The cell of a free point, or the free one of its neighbours that is nearest."""
@@ -147,7 +147,7 @@ class Walker:
         """Cost of the straight line between two points: infinite where it is not free."""
         steps = max(2, int(np.ceil(np.linalg.norm(b - a) / (self.sheet.cell / 2))) + 1)
         points = a + np.linspace(0.0, 1.0, steps)[:, None] * (b - a)
-        cost = self._cost(self.clear(points), self.sheet.clear(points) if self.climb else np.inf)
+        cost = self._cost(self.clear(points), self.sheet.clear(points) if self.climb else None)
         return float((cost[1:] + cost[:-1]).mean() / 2 * np.linalg.norm(b - a))
 
     def _pulled(self, points: np.ndarray) -> np.ndarray:
