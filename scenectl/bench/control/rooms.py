@@ -26,7 +26,7 @@ from scenes.errors import UserError
 from scenes.motion.bones import stretches
 from scenes.motion.motion import Motion
 from scenes.world.floor.planning import FreeArea, free_area
-from scenes.world.floor.polyline import path_length
+from scenes.world.floor.polyline import walked
 from scenes.world.scene import Scene, bundled, load_scene
 
 PROMPT = "a person walks forward"
@@ -158,7 +158,7 @@ def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[f
             room.rejected["no room to stand at the start"] += 1
             continue
         try:
-            length = path_length(room.area.path(start, target, radius))
+            length = walked(room.area.path(start, target, radius))
         except UserError:
             room.rejected["no clear path"] += 1
             continue
@@ -182,7 +182,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
     return {
         "start": [float(path[0, 0]), float(path[0, 2])],
         "target": list(task.walk.to),
-        "planned_path_m": path_length(path),
+        "planned_path_m": walked(path),
         "seconds_of_motion": setup.seconds,
         "missed_m": missed,
         "reached": missed <= REACHED,

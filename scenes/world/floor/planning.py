@@ -65,6 +65,14 @@ class FreeArea:
         """True where a person of `radius` (m) can stand, for points ``[..., 2]`` (x, z in metres) of the first sheet."""
         return np.asarray(self.clearance_at(xz) >= (self.radius if radius is None else radius))
 
+    def free(self, place: Place, radius: float | None = None) -> bool:
+        """Whether a path for a person of `radius` (m) can end at a place on any storey."""
+        try:
+            self._end("end", place, self.radius if radius is None else radius)
+        except UserError:
+            return False
+        return True
+
     @property
     def square_metres(self) -> float:
         """Area (m²) of the cells, of all storeys, where a person of the default radius can stand."""
@@ -141,10 +149,10 @@ class FreeArea:
         order = list(range(len(heights)))
         if len(end) == 3:
             off = np.nan_to_num(np.abs(np.array(heights) - end[1]), nan=np.inf)
-            if off.min() > ROOM / 2:
-                known = ", ".join(f"{height:.2f}" for height in heights if np.isfinite(height)) or "none"
+            if ROOM / 2 < off.min() < np.inf:
+                known = " and ".join(f"{height:.2f}" for height in heights if np.isfinite(height))
                 raise UserError(
-                    f"path {name} {at} has no ground at a height of {end[1]:.2f} m; heights of the ground there: {known}"
+                    f"path {name} {at} has no ground at a height of {end[1]:.2f} m; it is at {known} m there"
                 )
             order = [k for k in order if off[k] <= off.min() + STEP]
         best = max(order, key=lambda k: (clear[k] >= radius, -k if clear[k] >= radius or len(end) == 2 else clear[k]))
@@ -175,10 +183,12 @@ class FreeArea:
         ]
 
     def _no_way(self, start: tuple[np.ndarray, float], goal: tuple[np.ndarray, float], radius: float) -> str:
-        widest = self._widest(start, goal)
-        (a, _), (b, _) = start, goal
-        ends = f"from ({a[0]:.2f}, {a[1]:.2f}) to ({b[0]:.2f}, {b[1]:.2f})"
-        hint = f"a radius of {widest:.2f} m would pass" if widest > 0 else "they are on separate parts of the floor"
+        widest, apart = self._widest(start, goal), abs(start[1] - goal[1]) > STEP
+        a, b = (f"({xz[0]:.2f}, {f'{y:.2f}, ' if apart else ''}{xz[1]:.2f})" for xz, y in (start, goal))
+        ends, hint = f"from {a} to {b}", f"a radius of {widest:.2f} m would pass"
+        if widest == 0:
+            hint = "they are on separate parts of the floor"
+            hint += f", which no slope up to 20° and no steps up to {CLIMB:g} m join" if apart else ""
         return f"no way {ends} is {radius:g} m clear of obstacles on both sides and {self.height:g} m high; {hint}"
 
     def widest(self, start: Place, goal: Place) -> float:
