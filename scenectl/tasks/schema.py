@@ -185,7 +185,7 @@ class Walk(_Table):
         return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
 
     def terms(self, path: np.ndarray, seconds: float, fps: float, body: ProxyBody = DEFAULT_BODY) -> list[Term]:
-        """The goals for a path ``[P, 3]``: a corridor with a schedule, the place at its end, and heights where they vary.
+        """The two goals for a path ``[P, 3]``: a corridor with a schedule, and the place at its end.
 
         Where the ground rises or falls by more than `STEP`, the pelvis keeps its height over it.
         """
@@ -196,17 +196,16 @@ class Walk(_Table):
         terms = [Term("joint_target", target, self.weight, self.tolerance, at=arrive, name="walk: arrive")]
         if walked(path) < 0.05:
             return terms
-        schedule = {"begin": 0.0, "end": arrive}
+        rises = bool(np.ptp(path[:, 1]) > STEP)
+        line = sloped(path, STRIDE) if rises else resample(path[:, [0, 2]], 0.2)  # 5 cm would only cost time
         corridor = {
-            "path": resample(path[:, [0, 2]], 0.2).tolist(),  # the planner's 5 cm would only cost time
+            "path": line.tolist(),
             "half_width": self.half_width,
-            **schedule,
+            "begin": 0.0,
+            "end": arrive,
+            "height": PELVIS + body.sole_offset if rises else None,
         }
-        terms = [Term("follow_path", corridor, self.weight, name="walk: path"), *terms]
-        if np.ptp(path[:, 1]) <= STEP:
-            return terms
-        over = {"path": sloped(path, STRIDE).tolist(), "height": PELVIS + body.sole_offset, **schedule}
-        return [Term("path_height", over, self.weight, name="walk: height"), *terms]
+        return [Term("follow_path", corridor, self.weight, name="walk: path"), *terms]
 
 
 class GeneratorSpec(_Table):

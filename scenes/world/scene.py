@@ -238,6 +238,15 @@ class Scene:
         found: np.ndarray = self.levels.under(places.reshape(-1, 3), 0.0 if main is None else main)
         return found.reshape(places.shape[:-1])
 
+    def ground_under(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b"]:
+        """Height (m, world) of the ground under points as `ground_at` has it, the floor's where there is none."""
+        if not (self.meshes or self.primitives) and self.stated_floor is not None:
+            return torch.full_like(points[..., 0], self.stated_floor)
+        x, below, z = points.detach().cpu().double().numpy().reshape(-1, 3).T
+        main = self.ground
+        found = np.nan_to_num(self.ground_at(x, z, below), nan=0.0 if main is None else main)
+        return torch.from_numpy(found).to(points).reshape(points.shape[:-1])
+
     @property
     def moving(self) -> tuple[MovingObject | Sphere | Capsule, ...]:
         """The objects and primitives whose ``mesh(time)`` depends on the time."""
