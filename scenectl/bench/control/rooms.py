@@ -165,7 +165,34 @@ def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[f
         if length <= LONGEST_PATH:
             return start, target
         room.rejected["path too long"] += 1
-    raise UserError(f"room '{room.name}' has no two free places a walk apart for a body of {radius:g} m radius")
+    raise UserError(_too_small(room, radius))
+
+
+def _too_small(room: Room, radius: float) -> str:
+    """That a room is too small to walk in, how far one gets in it, and what radius would do."""
+    longest, smaller = _farthest(room, radius), radius
+    while smaller > 0.05 and _farthest(room, smaller) < SHORTEST_PATH:
+        smaller = round(smaller - 0.01, 2)
+    hint = f"a radius of {smaller:.2f} m would do" if smaller > 0.05 else "it is too small for any"
+    return (
+        f"room '{room.name}' has no two free places a walk apart for a body of {radius:g} m radius: the longest way "
+        f"found is {longest:.2f} m as the crow flies, and a walk is {SHORTEST_PATH:g} to {LONGEST_PATH:g} m; {hint}"
+    )
+
+
+def _farthest(room: Room, radius: float) -> float:
+    """How far apart (m) two joined places are, found by going from any to the farthest and from there again."""
+    from scipy.ndimage import label
+
+    parts, count = label(room.area.clearance >= radius, structure=np.ones((3, 3)))
+    found = 0.0
+    for part in range(1, count + 1):
+        places = np.argwhere(parts == part) * room.area.cell
+        for _ in range(2):
+            away = np.linalg.norm(places - places[0], axis=1)
+            places = np.roll(places, -int(away.argmax()), axis=0)
+        found = max(found, float(np.linalg.norm(places - places[0], axis=1).max()))
+    return found
 
 
 def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
@@ -195,7 +222,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "uncontrolled_worst_bone_m": float(stretches(free).abs().max()),
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
         **figures,
-        "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
+        "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.ground(free) + DEFAULT_BODY.sole_offset)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
         "uncontrolled_pace_m_per_s": float(metrics.travelled(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
