@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any, Unpack
@@ -26,6 +27,7 @@ from scenes.sdf.lattice import Lattice, padded
 from scenes.sdf.settings import BakeOptions, BakeSettings, FreeSpace
 from scenes.world.floor.ground import Floor, find_floors
 from scenes.world.floor.levels import Levels, fitting
+from scenes.world.floor.mapping import held, surfaces
 from scenes.world.moving import MovingObject
 
 DENSE = 2**26
@@ -227,16 +229,25 @@ class Scene:
         Args:
             x, z: metres, world, of any shapes that broadcast.
             below: heights (m) of soles; the ground is what lies nearest below them, up to 10 cm above them included,
-                else the lowest there is. None: the ground that is nearest to the floor's height.
+                else the lowest there is. None: of what can be walked on (`surfaces`: the floor, what steps lead to,
+                storeys, but no tables), what is nearest to the floor's height.
 
         Returns:
             Metres, NaN where there is nothing to stand on.
         """
-        below = np.nan if below is None else below
+        levels, below = (self._walked, np.nan) if below is None else (self.levels, below)
         places = np.stack(np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (x, below, z))), axis=-1)
         main = self.ground
-        found: np.ndarray = self.levels.under(places.reshape(-1, 3), 0.0 if main is None else main)
+        found: np.ndarray = levels.under(places.reshape(-1, 3), 0.0 if main is None else main)
         return found.reshape(places.shape[:-1])
+
+    @cached_property
+    def _walked(self) -> Levels:
+        """Of the levels those that can be walked on."""
+        levels = self.levels
+        found = surfaces(levels, 0.0 if self.ground is None else self.ground)
+        kept = np.logical_or.reduce([held(surface, levels.heights.shape) for surface in found])
+        return replace(levels, heights=np.where(kept, levels.heights, np.nan))
 
     def ground_under(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b"]:
         """Height (m, world) of the ground under points as `ground_at` has it, the floor's where there is none."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -94,7 +95,7 @@ class Levels:
         stated = [plane.point[1] for plane in level if plane.normal[1] == 1.0]
         return cls(maps[0], maps[1], origin, cell, max(stated, default=np.nan))
 
-    @property
+    @cached_property
     def walkable(self) -> np.ndarray:
         """`heights` without what is steeper than `SLOPE`, ``[X, Z, K]``: NaN there."""
         return np.where(kernels.steep(self.heights, self.cell, STEP, SLOPE), np.nan, self.heights)

@@ -24,6 +24,58 @@ OPEN = 5.0
 """Clearance (m) reported where no obstacle is near, and an upper limit for all."""
 
 
+RADIUS, HEIGHT = 0.3, 1.8
+"""Of a person, metres, where neither is stated."""
+
+
+def surfaces(levels: Levels, floor: float, radius: float = RADIUS, height: float = HEIGHT) -> list[np.ndarray]:
+    """What a person can walk on: which surface of each cell ``[X, Z]``, -1 for none, sheet by sheet.
+
+    First the main floor with all that hangs together with it, then storeys that lie over or under others. A storey
+    counts where steps of up to `CLIMB` lead there, or where it is as large as `LARGE` asks, but no table. Each sheet
+    goes on over what others hold, as far as it is the first to get there, so that none ends where it is joined.
+
+    Args:
+        levels: of the scene.
+        floor: height of the main floor, metres.
+        radius, height: of the person, metres.
+    """
+    walkable = levels.walkable
+    away = np.nan_to_num(np.abs(walkable - floor), nan=np.inf)
+    main = np.where(away.min(axis=2) <= STEP, away.argmin(axis=2), -1)
+    found = [kernels.grown(walkable, main, CLIMB)]
+    covered = held(found[0], walkable.shape)
+    rest = ~np.isnan(walkable) & (levels.headroom >= height) & ~covered
+    for seeds in _patches(walkable, rest, np.pi * radius**2 / levels.cell**2):
+        more = kernels.grown(walkable, seeds, CLIMB)
+        holds = held(more, walkable.shape)
+        if (holds & covered).any() or (seeds >= 0).sum() >= LARGE * (main >= 0).sum():
+            found.append(more)
+            covered |= holds
+            rest &= ~holds
+    return found
+
+
+def held(surface: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """True for those of all surfaces ``[X, Z, K]`` that a sheet ``[X, Z]`` holds."""
+    return np.asarray(surface[..., None] == np.arange(shape[2]))
+
+
+def _patches(walkable: np.ndarray, rest: np.ndarray, least: float) -> Iterator[np.ndarray]:
+    """Seeds ``[X, Z]`` in what no sheet holds yet (`rest`, which shrinks meanwhile): level, of `least` cells or more."""
+    from scipy.ndimage import label
+
+    while rest.sum() >= least:
+        heights = walkable[rest]
+        bins = np.floor((heights - heights.min()) / STEP).astype(int)
+        height = heights.min() + (np.bincount(bins).argmax() + 0.5) * STEP
+        here = rest & (np.abs(walkable - height) <= STEP)
+        rest &= ~here
+        parts, _ = label(here.any(axis=2))
+        for part in np.flatnonzero(np.bincount(parts.ravel())[1:] >= least) + 1:
+            yield np.where(parts == part, here.argmax(axis=2), -1)
+
+
 @dataclass(frozen=True, eq=False)
 class Mapper:
     """Makes the sheets of one scene for one person.
@@ -42,42 +94,10 @@ class Mapper:
     height: float
 
     def sheets(self) -> tuple[Sheet, ...]:
-        """The main floor with all that hangs together with it first; then storeys that lie over or under others.
-
-        A storey counts where steps of up to `CLIMB` lead there, or where it is as large as `LARGE` asks. Each sheet
-        goes on over what others hold, as far as it is the first to get there, so that none ends where it is joined.
-        """
+        """One for each of `surfaces`."""
         walkable = self.levels.walkable
-        order = np.nan_to_num(np.abs(walkable - self.floor), nan=np.inf)
-        nearest = order.argmin(axis=2)
-        main = np.where(order.min(axis=2) <= STEP, nearest, -1)
-        first = kernels.grown(walkable, main, CLIMB)
-        covered = _nodes(first, walkable.shape)
-        found = [first]
-        rest = ~np.isnan(walkable) & (self.levels.headroom >= self.height) & ~covered
-        for seeds in self._patches(walkable, rest):
-            more = kernels.grown(walkable, seeds, CLIMB)
-            nodes = _nodes(more, walkable.shape)
-            if (nodes & covered).any() or (seeds >= 0).sum() >= LARGE * (main >= 0).sum():
-                found.append(more)
-                covered |= nodes
-                rest &= ~nodes
+        found = surfaces(self.levels, self.floor, self.radius, self.height)
         return tuple(self._sheet(walkable, surface) for surface in found)
-
-    def _patches(self, walkable: np.ndarray, rest: np.ndarray) -> Iterator[np.ndarray]:
-        """Seeds ``[X, Z]`` in what no sheet holds yet (`rest`, which shrinks meanwhile): level, with room for a person."""
-        from scipy.ndimage import label
-
-        least = np.pi * self.radius**2 / self.levels.cell**2
-        while rest.sum() >= least:
-            heights = walkable[rest]
-            bins = np.floor((heights - heights.min()) / STEP).astype(int)
-            height = heights.min() + (np.bincount(bins).argmax() + 0.5) * STEP
-            here = rest & (np.abs(walkable - height) <= STEP)
-            rest &= ~here
-            parts, _ = label(here.any(axis=2))
-            for part in np.flatnonzero(np.bincount(parts.ravel())[1:] >= least) + 1:
-                yield np.where(parts == part, here.argmax(axis=2), -1)
 
     def _sheet(self, walkable: np.ndarray, surface: np.ndarray) -> Sheet:
         """What is clear on some surfaces, one a cell.
@@ -126,11 +146,6 @@ class Mapper:
         with torch.no_grad():
             distance = self.distance(torch.from_numpy(grid).float())
         return np.asarray(distance.double())
-
-
-def _nodes(surface: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """True for the surfaces ``[X, Z, K]`` that a sheet holds."""
-    return np.asarray(surface[..., None] == np.arange(shape[2]))
 
 
 def _closed(ground: np.ndarray, radius: float) -> np.ndarray:

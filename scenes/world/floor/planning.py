@@ -11,8 +11,8 @@ import numpy as np
 
 from scenes.errors import UserError
 from scenes.world.floor.across import across
-from scenes.world.floor.levels import ROOM, STEP, lattice
-from scenes.world.floor.mapping import CLIMB, OPEN, Mapper
+from scenes.world.floor.levels import CELL, ROOM, STEP, lattice
+from scenes.world.floor.mapping import CLIMB, HEIGHT, OPEN, RADIUS, Mapper
 from scenes.world.floor.polyline import climbs
 from scenes.world.floor.sheet import COMFORT, SPACING, Sheet, Walker
 from scenes.world.scene import Scene
@@ -221,7 +221,7 @@ class FreeArea:
         return np.stack([low, low + np.array(self.clearance.shape) * self.cell])
 
 
-def free_area(scene: Scene, radius: float = 0.3, height: float = 1.8, cell: float = 0.05) -> FreeArea:
+def free_area(scene: Scene, radius: float = RADIUS, height: float = HEIGHT, cell: float = CELL) -> FreeArea:
     """Map the ground of a scene for a person of `radius` and `height` (m) in square cells of side `cell` (m).
 
     An obstacle is whatever comes between `STEP` above the ground and `height` above it; cells without ground, outside
