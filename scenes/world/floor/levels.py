@@ -151,7 +151,7 @@ def _crossed(
 def _topmost(cells: np.ndarray, heights: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of sorted crossings, which are flat and the highest within `STEP`; and the free height (m) over each of them."""
     which = np.flatnonzero(flat)
-    covered = (np.diff(cells[which]) == 0) & (np.diff(heights[which]) <= STEP)
+    covered = (np.diff(cells[which]) == 0) & (np.diff(heights[which]) <= STEP + 1e-6)
     which = which[~np.append(covered, False)] if len(which) else which
     if not len(which):
         return which, np.zeros(0)

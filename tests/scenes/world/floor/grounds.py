@@ -59,3 +59,16 @@ def storeys(stairs: bool = True) -> Scene:
     flight = [block((-2.56 + k * tread, 1.7), (0.8, 2.0), (k + 1) * rise) for k in range(count if stairs else 0)]
     posts = [block((x, x + 0.1), (z, z + 0.1), 2.6) for x in (-3.0, 2.9) for z in (-2.0, -0.6)]
     return joined(lower, *upper, *flight, *posts, resolution=256)
+
+
+def room(size: tuple[float, float] = (5.0, 4.0), height: float = 2.6) -> Mesh:
+    """A closed room that faces inward, from the origin on."""
+    box = block((0.0, size[0]), (0.0, size[1]), height, 0.0)
+    return Mesh(box.vertices, box.faces[:, ::-1], "room")
+
+
+def patch(side: float, y: float) -> Mesh:
+    """A level square that faces up, about the middle of `room`."""
+    x, z = 2.5 + side / 2 * np.array([-1.0, 1.0]), 2.0 + min(side, 3.6) / 2 * np.array([-1.0, 1.0])
+    corners = np.array([(x[0], y, z[0]), (x[0], y, z[1]), (x[1], y, z[1]), (x[1], y, z[0])])
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "patch")
