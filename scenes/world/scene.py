@@ -207,7 +207,7 @@ class Scene:
         return self.levels_in(fitting(self.bounds))
 
     def levels_in(self, cell: float) -> Levels:
-        """All that can be stood on, in cells of side `cell` (m): meshes, primitives that do not move, a stated floor."""
+        """All that can be stood on, in cells of side `cell` (m): of meshes, primitives at rest and a stated floor."""
         solid = [shape for shape in self._still if not isinstance(shape, Plane)]
         planes = [*(shape for shape in self._still if isinstance(shape, Plane)), *self.planes]
         meshes = [*self.meshes, *(shape.mesh() for shape in solid)]

@@ -18,7 +18,7 @@ from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
-from scenectl.tasks.schema import Start, Walk
+from scenectl.tasks.schema import Spot, Start, Walk
 from scenectl.tasks.setup import STANDING
 from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
@@ -229,9 +229,9 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
     }
 
 
-def _missed(motion: Motion, target: tuple[float, float]) -> float:
+def _missed(motion: Motion, target: Spot) -> float:
     end = motion.joint("pelvis")[-1, [0, 2]]
-    return float((end - torch.tensor(target)).norm())
+    return float((end - torch.tensor([target[0], target[-1]])).norm())
 
 
 _JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2")

@@ -24,7 +24,7 @@ def across(
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import dijkstra
 
-    ids, costs, rows, columns, weights = _graph(walkers)
+    ids, rows, columns, weights = _graph(walkers)
     numbers = np.unique(ids[ids >= 0])
     ends = [_node(walkers, ids, *end) for end in (start, goal)]
     if min(ends) < 0:
@@ -62,7 +62,7 @@ def _graph(walkers: Sequence[Walker]) -> tuple[np.ndarray, ...]:
             price = (cost[s][a] + cost[s][b])[step] / 2 * np.hypot(dx, dz)
             edges.append((ids[s][a][step], ids[s][b][step], price))
     rows, columns, weights = (np.concatenate(part) for part in zip(*edges, strict=True))
-    return ids, cost, rows, columns, weights
+    return ids, rows, columns, weights
 
 
 def _node(walkers: Sequence[Walker], ids: np.ndarray, xz: np.ndarray, y: float) -> int:
@@ -84,7 +84,8 @@ def _smoothed(
     holds = ids[:, cells[:, 0], cells[:, 1]] == way
     places = np.concatenate([start[None], cells * sheet.cell + sheet.origin, goal[None]])
     holds = np.concatenate([holds[:, :1], holds, holds[:, -1:]], axis=1)
-    at, parts = 0, []
+    parts: list[np.ndarray] = []
+    at = 0
     while at < len(places) - 1:
         ends = [at + int(np.argmin(np.append(row[at:], False))) for row in holds]
         best = int(np.argmax(ends))

@@ -72,6 +72,6 @@ def _why(levels: Levels) -> str:
         return "nothing level has free space above it"
     best = np.unravel_index(int(np.nanargmax(room)), room.shape)
     return (
-        f"the best place, at a height of {levels.heights[best]:.2f} m, has {room[best]:.2f} m of free space above it, and "
-        f"standing takes {ROOM:g} m"
+        f"the best place, at a height of {levels.heights[best]:.2f} m, has {room[best]:.2f} m of free space above it, "
+        f"and standing takes {ROOM:g} m"
     )

@@ -101,7 +101,7 @@ class Levels:
         return np.where(kernels.steep(self.heights, self.cell, STEP, SLOPE), np.nan, self.heights)
 
     def under(self, points: np.ndarray, main: float) -> np.ndarray:
-        """Height (m) of the ground under points ``[n, 3]``: the nearest below each, or where y is NaN nearest to `main`.
+        """Height (m) of the ground under points ``[n, 3]``: nearest below each, or where y is NaN nearest to `main`.
 
         What is up to `STEP` above a point counts as below it. NaN where there is no ground.
         """
@@ -109,14 +109,14 @@ class Levels:
         points = np.ascontiguousarray(points, dtype=np.float64)
         kernels.under(self.heights, *self.origin, self.cell, points, main, STEP, found)
         if not np.isnan(self.beyond):
-            outside = (points[:, [0, 2]] - self.origin) / self.cell
-            outside = (outside < -0.5) | (outside > np.array(self.heights.shape[:2]) - 0.5)
+            place = (points[:, [0, 2]] - self.origin) / self.cell
+            outside = (place < -0.5) | (place > np.array(self.heights.shape[:2]) - 0.5)
             found[outside.any(axis=1)] = self.beyond
         return found
 
 
 def lattice(bounds: np.ndarray, cell: float) -> tuple[tuple[float, float], np.ndarray]:
-    """Centre of the first cell (x, z in m) and numbers of cells ``[2]`` that cover bounds ``[2, 3]``, in their middle."""
+    """Centre of the first cell (x, z in m) and numbers of cells ``[2]`` that cover bounds ``[2, 3]``."""
     low, high = bounds[:, [0, 2]]
     counts = np.maximum(np.ceil((high - low) / cell - 1e-6).astype(int), 1)
     origin = (low + high) / 2 - (counts - 1) / 2 * cell

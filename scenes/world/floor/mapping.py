@@ -62,7 +62,7 @@ def held(surface: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _patches(walkable: np.ndarray, rest: np.ndarray, least: float) -> Iterator[np.ndarray]:
-    """Seeds ``[X, Z]`` in what no sheet holds yet (`rest`, which shrinks meanwhile): level, of `least` cells or more."""
+    """Seeds ``[X, Z]`` in what no sheet holds yet (`rest`, which shrinks meanwhile): level, of at least so many cells."""
     from scipy.ndimage import label
 
     while rest.sum() >= least:
@@ -130,7 +130,7 @@ class Mapper:
         return Sheet(heights, surface, maps[0], maps[1], self.levels.origin, cell)
 
     def _columns(self, base: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest distance (m) in every cell's column over the ground, ``[X, Z]``: below what is climbed, and above."""
+        """Smallest distance (m) in every cell's column over the ground, ``[X, Z]``: up to `CLIMB`, and above."""
         lowest, highest = STEP + reach, max(self.height - reach, STEP + reach)
         low, high = np.full(base.shape, OPEN), np.full(base.shape, OPEN)
         steps = np.linspace(lowest, highest, int(np.ceil((highest - lowest) / self.levels.cell - 1e-6)) + 1)

@@ -58,11 +58,11 @@ class FreeArea:
         return self.sheets[0].cell
 
     def clearance_at(self, xz: np.ndarray) -> np.ndarray:
-        """Clearance (m) at points ``[..., 2]`` (x, z in metres) of the first sheet, bilinear; negative outside the map."""
+        """Clearance (m) at points ``[..., 2]`` (x, z in m) of the first sheet, bilinear; negative outside the map."""
         return self.sheets[0].clear(xz)
 
     def contains(self, xz: np.ndarray, radius: float | None = None) -> np.ndarray:
-        """True where a person of `radius` (m) can stand, for points ``[..., 2]`` (x, z in metres) of the first sheet."""
+        """True where a person of `radius` (m) can stand, for points ``[..., 2]`` (x, z in m) of the first sheet."""
         return np.asarray(self.clearance_at(xz) >= (self.radius if radius is None else radius))
 
     def free(self, place: Place, radius: float | None = None) -> bool:
@@ -83,7 +83,7 @@ class FreeArea:
         return float(len(first) + len(nodes)) * self.cell**2
 
     def sample(self, n: int, rng: np.random.Generator, radius: float | None = None) -> np.ndarray:
-        """`n` places ``[n, 2]`` (x, z in metres) of the first sheet, uniform over where a person of `radius` (m) can stand.
+        """`n` places ``[n, 2]`` (x, z in m), uniform over where a person of `radius` (m) can stand on the first sheet.
 
         Raises:
             UserError: there is no such place.
@@ -120,7 +120,7 @@ class FreeArea:
             UserError: start or goal is not free (by how much), or no path joins them (the largest radius that can).
         """
         radius = self.radius if radius is None else radius
-        ends = tuple(self._end(name, place, radius) for name, place in (("start", start), ("goal", goal)))
+        ends = self._end("start", start, radius), self._end("goal", goal, radius)
         (a, _), (b, _) = ends
         for climb in (False, True):
             for sheet in self._shared(*ends, radius, climb):
@@ -161,8 +161,8 @@ class FreeArea:
         nearest = self._nearest_free(self.sheets[best], xz, radius)
         hint = "no place on this floor is" if nearest is None else f"({nearest[0]:.2f}, {nearest[1]:.2f}) is nearest"
         raise UserError(
-            f"path {name} {at} is not free: an obstacle or the floor's edge is {max(clear[best], 0):.2f} m away and the "
-            f"radius is {radius:g} m; {hint}{' free' if nearest is not None else ''}"
+            f"path {name} {at} is not free: an obstacle or the floor's edge is {max(clear[best], 0):.2f} m away and "
+            f"the radius is {radius:g} m; {hint}{' free' if nearest is not None else ''}"
         )
 
     def _nearest_free(self, sheet: Sheet, xz: np.ndarray, radius: float) -> np.ndarray | None:

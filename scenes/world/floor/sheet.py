@@ -26,7 +26,7 @@ class Sheet:
 
     Attributes:
         heights: of the ground, y in metres, ``[X, Z]``, NaN where the sheet has none.
-        surface: which of the scene's surfaces in its cell that is, ``[X, Z]``, -1 for none and for holes that are bridged.
+        surface: which of the scene's surfaces in its cell that is, ``[X, Z]``, -1 for none, as in bridged holes.
         level: horizontal distance (m) from each cell's centre to the nearest obstacle, step or edge, ``[X, Z]``.
         climbing: the same for who climbs steps, which then are no obstacles, ``[X, Z]``.
         origin: x and z (m) of the centre of cell [0, 0].
@@ -63,7 +63,7 @@ class Sheet:
         return np.where(np.isnan(value), -1.0, np.minimum(value, border))
 
     def ground(self, xz: np.ndarray) -> np.ndarray:
-        """Height (m) of the ground at points ``[n, 2]``: bilinear on slopes, as it is on steps; NaN where there is none."""
+        """Height (m) of the ground at points ``[n, 2]``: bilinear on slopes, never between steps; NaN where none is."""
         points = np.stack([xz[:, 0], np.full(len(xz), np.nan), xz[:, 1]], axis=1)
         found = np.full(len(xz), np.nan)
         kernels.under(self.heights[..., None], *self.origin, self.cell, points, 0.0, 0.0, found)
@@ -105,7 +105,7 @@ class Walker:
         return self._cost(self.clearance, self.sheet.level if self.climb else None)
 
     def _cost(self, clearance: np.ndarray, level: np.ndarray | None) -> np.ndarray:
-        """1 in the open, 3 along the nearest allowed line beside an obstacle, infinite beyond; `TOLL` times on steps."""
+        """1 in the open, 3 along the nearest allowed line beside obstacles, infinite beyond; on steps `TOLL` times."""
         lack = np.clip((self.radius + COMFORT - clearance) / COMFORT, 0.0, 1.0)
         cost = np.where(clearance >= self.radius, 1.0 + 2.0 * lack**2, np.inf)
         return cost if level is None else cost * np.where(level < self.radius, TOLL, 1.0)
@@ -139,7 +139,7 @@ class Walker:
         return cells * self.sheet.cell + self.sheet.origin
 
     def smoothed(self, places: np.ndarray) -> np.ndarray:
-        """A way ``[P, 3]`` on the ground over places ``[n, 2]``: pulled straight where that costs no more, and rounded."""
+        """A way ``[P, 3]`` over places ``[n, 2]``: pulled straight where that costs no more, rounded, on the ground."""
         line = resample(self._rounded(resample(self._pulled(places), SPACING)), SPACING)
         return np.stack([line[:, 0], self.sheet.ground(line), line[:, 1]], axis=1)
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.primitives import Box, Cylinder, Plane, Sphere
@@ -93,7 +92,9 @@ def test_of_storeys_the_main_floor_counts_where_nothing_is_said() -> None:
 
 def test_normals_do_not_matter() -> None:
     mesh = steps().meshes[0]
-    flipped = Mesh(mesh.vertices, np.where(np.arange(len(mesh.faces))[:, None] % 3 > 0, mesh.faces, mesh.faces[:, ::-1]))
+    flipped = Mesh(
+        mesh.vertices, np.where(np.arange(len(mesh.faces))[:, None] % 3 > 0, mesh.faces, mesh.faces[:, ::-1])
+    )
     a, b = (Scene([m], resolution=128, cache=None, free_space="outside").levels for m in (mesh, flipped))
     rows, columns = np.mgrid[2 : a.heights.shape[0] - 2, 2 : a.heights.shape[1] - 2]
     top = [np.nanmax(levels.heights[rows, columns], axis=-1) for levels in (a, b)]

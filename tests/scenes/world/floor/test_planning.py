@@ -108,9 +108,7 @@ def test_there_is_nothing_free_where_no_floor_is() -> None:
 def test_an_empty_scene_is_free_everywhere() -> None:
     area = free_area(Scene.empty(floor=-1.0), cell=0.5)
     border = (np.abs(area.bounds - centres(area)[..., None, :])).min(axis=(-1, -2))
-    assert (
-        area.clearance == pytest.approx(np.minimum(border, OPEN)) and area.floor == -1.0
-    )  # the map's border is an edge
+    assert area.clearance == pytest.approx(np.minimum(border, OPEN)) and area.floor == -1.0  # its border is an edge
     assert path_length(area.path((-5, -5), (5, 5))) == pytest.approx(10 * math.sqrt(2))
 
 
