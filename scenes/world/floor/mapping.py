@@ -62,7 +62,7 @@ def held(surface: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _patches(walkable: np.ndarray, rest: np.ndarray, least: float) -> Iterator[np.ndarray]:
-    """Seeds ``[X, Z]`` in what no sheet holds yet (`rest`, which shrinks meanwhile): level, of at least so many cells."""
+    """Seeds ``[X, Z]``, level and of some cells at `least`, in what no sheet holds: in `rest`, which shrinks meanwhile."""
     from scipy.ndimage import label
 
     while rest.sum() >= least:
