@@ -74,9 +74,9 @@ def nearest(heights, x, z, y):
 
 @helper
 def _below(heights, x, z, y):
-    """The height of the highest surface of a cell that is no higher than y, else of its lowest; NaN without any."""
-    found = heights[x, z, 0]
-    for k in range(1, heights.shape[2]):
+    """The height of the highest surface of a cell that is no higher than y; NaN where there is none."""
+    found = np.nan
+    for k in range(heights.shape[2]):
         if heights[x, z, k] <= y:
             found = heights[x, z, k]
     return found

@@ -228,9 +228,9 @@ class Scene:
 
         Args:
             x, z: metres, world, of any shapes that broadcast.
-            below: heights (m) of soles; the ground is what lies nearest below them, up to 10 cm above them included,
-                else the lowest there is. None: of what can be walked on (`surfaces`: the floor, what steps lead to,
-                storeys, but no tables), what is nearest to the floor's height.
+            below: heights (m) of soles; the ground is what lies nearest below them, up to 10 cm above them included.
+                None: of what can be walked on (`surfaces`: the floor, what steps lead to, storeys, but no tables),
+                what is nearest to the floor's height.
 
         Returns:
             Metres, NaN where there is nothing to stand on.
@@ -250,12 +250,11 @@ class Scene:
         return replace(levels, heights=np.where(kept, levels.heights, np.nan))
 
     def ground_under(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b"]:
-        """Height (m, world) of the ground under points as `ground_at` has it, the floor's where there is none."""
+        """Height (m, world) of what can be walked on, nearest below points; the floor's where there is none."""
         if not (self.meshes or self.primitives) and self.stated_floor is not None:
             return torch.full_like(points[..., 0], self.stated_floor)
-        x, below, z = points.detach().cpu().double().numpy().reshape(-1, 3).T
-        main = self.ground
-        found = np.nan_to_num(self.ground_at(x, z, below), nan=0.0 if main is None else main)
+        main = 0.0 if self.ground is None else self.ground
+        found = np.nan_to_num(self._walked.under(points.detach().cpu().double().numpy().reshape(-1, 3), main), nan=main)
         return torch.from_numpy(found).to(points).reshape(points.shape[:-1])
 
     @property

@@ -259,9 +259,9 @@ def test_a_margin_is_kept_from_walls_and_not_from_the_floor_one_stands_on(goal: 
 
 @pytest.mark.parametrize("goal", ["sdf_penetration", "swept_penetration"])
 def test_a_step_may_be_stood_on_as_a_floor_may(goal: str) -> None:
-    lift = torch.tensor([0, 0.5 + DEFAULT_BODY.sole_offset, 0])
+    lift = torch.tensor([0, 0.2 + DEFAULT_BODY.sole_offset, 0])
     motion = Motion(standing(3, dtype=torch.float32) + lift)
-    step = Context(Scene(primitives=[Box((0.0, 0.25, 0.0), (2.0, 0.5, 2.0))], floor=0.0), DEFAULT_BODY)
+    step = Context(Scene(primitives=[Box((0.0, 0.1, 0.0), (2.0, 0.2, 2.0))], floor=0.0), DEFAULT_BODY)
     without, kept = (Term(goal, {"margin": m}).evaluate(motion, step).residual for m in (0.0, 0.1))
     torch.testing.assert_close(kept, without, atol=1e-4, rtol=0)
 

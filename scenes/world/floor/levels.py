@@ -103,7 +103,7 @@ class Levels:
     def under(self, points: np.ndarray, main: float) -> np.ndarray:
         """Height (m) of the ground under points ``[n, 3]``: nearest below each, or where y is NaN nearest to `main`.
 
-        What is up to `STEP` above a point counts as below it. NaN where there is no ground.
+        What is up to `STEP` above a point counts as below it. NaN where there is no ground, or none below.
         """
         found = np.full(len(points), np.nan)
         points = np.ascontiguousarray(points, dtype=np.float64)
