@@ -11,7 +11,7 @@ import torch
 from scenes.kernels import ground as kernels
 from scenes.world.floor.ground import LARGE
 from scenes.world.floor.levels import STEP, Levels
-from scenes.world.floor.sheet import Sheet
+from scenes.world.floor.sheet import OPEN, Sheet, reach_of
 
 CLIMB = 0.25
 """Highest step (m) that is climbed. Building codes allow risers up to 0.18 m (International Building Code 1011.5.2) and
@@ -19,9 +19,6 @@ CLIMB = 0.25
 
 FLOOR_BELOW = 0.15
 """Half the width (m) of the widest hole, between ground or between it and an obstacle, that one steps over."""
-
-OPEN = 5.0
-"""Clearance (m) reported where no obstacle is near, and an upper limit for all."""
 
 
 RADIUS, HEIGHT = 0.3, 1.8
@@ -62,7 +59,7 @@ def held(surface: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _patches(walkable: np.ndarray, rest: np.ndarray, least: float) -> Iterator[np.ndarray]:
-    """Seeds ``[X, Z]``, level and of some cells at `least`, in what no sheet holds: in `rest`, which shrinks meanwhile."""
+    """Level patches of at least so many cells ``[X, Z]`` in what no sheet holds yet: `rest`, which shrinks meanwhile."""
     from scipy.ndimage import label
 
     while rest.sum() >= least:
@@ -110,7 +107,7 @@ class Mapper:
         ground = np.take_along_axis(walkable, np.maximum(surface, 0)[..., None], axis=2)[..., 0]
         ground[surface < 0] = np.nan
         cell = self.levels.cell
-        reach = float(np.sqrt(3) / 2 * cell)  # from a sample to the farthest point of its cube
+        reach = reach_of(cell)
         missing = surface < 0
         if missing.all():
             near = np.full(ground.shape, self.floor)
@@ -126,7 +123,7 @@ class Mapper:
         for column, limit in ((np.minimum(low, high), STEP), (high, CLIMB)):
             column = np.where(~bridged & (column > 0), -np.minimum(np.abs(self._layer(base)), cell), column)
             column = np.where(_beside_steps(near, bridged, limit), np.minimum(column, cell / 2), column)
-            maps.append(_within(spread(column, cell, reach), cell))
+            maps.append(column)
         return Sheet(heights, surface, maps[0], maps[1], self.levels.origin, cell)
 
     def _columns(self, base: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -169,35 +166,3 @@ def _beside_steps(heights: np.ndarray, ground: np.ndarray, limit: float) -> np.n
         beside[a] |= step
         beside[b] |= step
     return beside
-
-
-def _within(clearance: np.ndarray, cell: float) -> np.ndarray:
-    """Clearance (m) with the map's border as an edge."""
-    rows, columns = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in clearance.shape)
-    border = (np.minimum(rows[:, None], columns[None, :]) + 0.5) * cell
-    return np.minimum(clearance, border)
-
-
-def spread(nearest: np.ndarray, cell: float, reach: float) -> np.ndarray:
-    """Horizontal clearance (m) from the smallest distance (m) in every cell's column.
-
-    Distances in a column cannot serve as they are, for the floor is near as well. But every obstacle comes within
-    `reach` (half the diagonal of a cube of a cell's side) of a sample in its own column; such cells are the
-    obstacles, each known more exactly than its size by the distance it holds: a point is as far from the obstacle
-    as from that cell, and the remaining distance.
-    """
-    from scipy.spatial import cKDTree
-
-    blocked = np.argwhere(nearest <= reach)
-    if len(blocked) == 0:
-        return np.full(nearest.shape, OPEN)
-    tree = cKDTree(blocked)
-    remaining = nearest[blocked[:, 0], blocked[:, 1]]
-    count = min(8, len(blocked))
-    clearance = np.empty(nearest.shape)
-    columns = np.arange(nearest.shape[1])
-    for row in range(nearest.shape[0]):  # row by row, for memory's sake
-        away, which = tree.query(np.stack([np.full_like(columns, row), columns], axis=1), k=count)
-        away, which = away.reshape(-1, count), which.reshape(-1, count)
-        clearance[row] = (away * cell + remaining[which]).min(axis=1)
-    return np.minimum(clearance, OPEN)

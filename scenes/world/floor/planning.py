@@ -12,9 +12,9 @@ import numpy as np
 from scenes.errors import UserError
 from scenes.world.floor.across import across
 from scenes.world.floor.levels import CELL, ROOM, STEP, lattice
-from scenes.world.floor.mapping import CLIMB, HEIGHT, OPEN, RADIUS, Mapper
+from scenes.world.floor.mapping import CLIMB, HEIGHT, RADIUS, Mapper
 from scenes.world.floor.polyline import climbs
-from scenes.world.floor.sheet import COMFORT, SPACING, Sheet, Walker
+from scenes.world.floor.sheet import COMFORT, OPEN, SPACING, Sheet, Walker
 from scenes.world.scene import Scene
 
 __all__ = ["CLIMB", "COMFORT", "OPEN", "SPACING", "STEP", "FreeArea", "Place", "free_area"]
@@ -143,25 +143,27 @@ class FreeArea:
         if end.shape not in ((2,), (3,)) or not np.isfinite(end).all():
             raise UserError(f"path {name} is {end.tolist()}; give x and z, or x, y and z, in metres")
         xz = end[[0, -1]]
-        heights = [float(sheet.ground(xz[None])[0]) for sheet in self.sheets]
-        clear = [float(max(sheet.clear(xz), sheet.clear(xz, climb=True))) for sheet in self.sheets]
-        at = f"({end[0]:.2f}, {end[-1]:.2f})"
-        order = list(range(len(heights)))
-        if len(end) == 3:
-            off = np.nan_to_num(np.abs(np.array(heights) - end[1]), nan=np.inf)
-            if ROOM / 2 < off.min() < np.inf:
+        heights = np.array([float(sheet.ground(xz[None])[0]) for sheet in self.sheets])
+        sheets, at = list(enumerate(self.sheets)), f"({end[0]:.2f}, {end[-1]:.2f})"
+        if len(end) == 3 and np.isfinite(heights).any():
+            off = np.nan_to_num(np.abs(heights - end[1]), nan=np.inf)
+            if off.min() > ROOM / 2:
                 known = " and ".join(f"{height:.2f}" for height in heights if np.isfinite(height))
                 raise UserError(
                     f"path {name} {at} has no ground at a height of {end[1]:.2f} m; it is at {known} m there"
                 )
-            order = [k for k in order if off[k] <= off.min() + STEP]
-        best = max(order, key=lambda k: (clear[k] >= radius, -k if clear[k] >= radius or len(end) == 2 else clear[k]))
-        if clear[best] >= radius:
-            return xz, heights[best] if np.isfinite(heights[best]) else self.floor
-        nearest = self._nearest_free(self.sheets[best], xz, radius)
+            sheets = [sheets[k] for k in np.flatnonzero(off <= off.min() + STEP)]
+        clear = []
+        for k, sheet in sheets:
+            clear.append(float(sheet.clear(xz)))
+            if clear[-1] < radius:
+                clear[-1] = max(clear[-1], float(sheet.clear(xz, climb=True)))
+            if clear[-1] >= radius:
+                return xz, float(heights[k]) if np.isfinite(heights[k]) else self.floor
+        nearest = self._nearest_free(sheets[0][1], xz, radius)
         hint = "no place on this floor is" if nearest is None else f"({nearest[0]:.2f}, {nearest[1]:.2f}) is nearest"
         raise UserError(
-            f"path {name} {at} is not free: an obstacle or the floor's edge is {max(clear[best], 0):.2f} m away and "
+            f"path {name} {at} is not free: an obstacle or the floor's edge is {max(*clear, 0.0):.2f} m away and "
             f"the radius is {radius:g} m; {hint}{' free' if nearest is not None else ''}"
         )
 
@@ -177,7 +179,7 @@ class FreeArea:
             sheet
             for sheet in self.sheets
             if all(
-                sheet.clear(xz, climb) >= radius and abs(np.nan_to_num(sheet.ground(xz[None])[0], nan=y) - y) <= STEP
+                abs(np.nan_to_num(sheet.ground(xz[None])[0], nan=y) - y) <= STEP and sheet.clear(xz, climb) >= radius
                 for xz, y in (start, goal)
             )
         ]

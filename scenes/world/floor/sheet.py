@@ -10,6 +10,9 @@ import numpy as np
 from scenes.kernels import ground as kernels
 from scenes.world.floor.polyline import resample
 
+OPEN = 5.0
+"""Clearance (m) reported where no obstacle is near, and an upper limit for all."""
+
 COMFORT = 0.3
 """Paths keep this much more than their radius (m) from obstacles where there is room and the detour is short."""
 
@@ -27,18 +30,28 @@ class Sheet:
     Attributes:
         heights: of the ground, y in metres, ``[X, Z]``, NaN where the sheet has none.
         surface: which of the scene's surfaces in its cell that is, ``[X, Z]``, -1 for none, as in bridged holes.
-        level: horizontal distance (m) from each cell's centre to the nearest obstacle, step or edge, ``[X, Z]``.
-        climbing: the same for who climbs steps, which then are no obstacles, ``[X, Z]``.
+        columns: smallest distance (m) to an obstacle, step or edge in each cell's column, ``[X, Z]``.
+        climbed: the same for who climbs steps, which then are no obstacles, ``[X, Z]``.
         origin: x and z (m) of the centre of cell [0, 0].
         cell: side of the cells, metres.
     """
 
     heights: np.ndarray
     surface: np.ndarray
-    level: np.ndarray
-    climbing: np.ndarray
+    columns: np.ndarray
+    climbed: np.ndarray
     origin: tuple[float, float]
     cell: float
+
+    @cached_property
+    def level(self) -> np.ndarray:
+        """Horizontal distance (m) from each cell's centre to the nearest obstacle, step or edge, ``[X, Z]``."""
+        return _within(_spread(self.columns, self.cell), self.cell)
+
+    @cached_property
+    def climbing(self) -> np.ndarray:
+        """The same for who climbs steps, ``[X, Z]``."""
+        return _within(_spread(self.climbed, self.cell), self.cell)
 
     def at(self, values: np.ndarray, xz: np.ndarray) -> np.ndarray:
         """One of the maps ``[X, Z]`` at points ``[..., 2]`` (x, z in metres), bilinear, NaN outside."""
@@ -58,7 +71,7 @@ class Sheet:
         xz = np.asarray(xz, dtype=np.float64)
         value = self.at(self.climbing if climb else self.level, xz)
         low = np.array(self.origin) - self.cell / 2
-        high = low + np.array(self.level.shape) * self.cell
+        high = low + np.array(self.heights.shape) * self.cell
         border = np.minimum(xz - low, high - xz).min(axis=-1)
         return np.where(np.isnan(value), -1.0, np.minimum(value, border))
 
@@ -72,7 +85,7 @@ class Sheet:
     def cell_of(self, xz: np.ndarray) -> tuple[int, int]:
         """The cell of a point ``[2]``, or the nearest one."""
         grid = np.round((xz - self.origin) / self.cell).astype(int)
-        x, z = np.clip(grid, 0, np.array(self.level.shape) - 1)
+        x, z = np.clip(grid, 0, np.array(self.heights.shape) - 1)
         return int(x), int(z)
 
 
@@ -176,3 +189,41 @@ class Walker:
             kept = self.clear(moved) >= np.minimum(self.radius + self.sheet.cell / 4, self.clear(line))
             line = np.where(kept[:, None], moved, line)
         return line
+
+
+def reach_of(cell: float) -> float:
+    """From a sample to the farthest point of its cube: half the diagonal (m) of one of a cell's side."""
+    return float(np.sqrt(3) / 2 * cell)
+
+
+def _within(clearance: np.ndarray, cell: float) -> np.ndarray:
+    """Clearance (m) with the map's border as an edge."""
+    rows, columns = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in clearance.shape)
+    border = (np.minimum(rows[:, None], columns[None, :]) + 0.5) * cell
+    return np.minimum(clearance, border)
+
+
+def _spread(nearest: np.ndarray, cell: float) -> np.ndarray:
+    """Horizontal clearance (m) from the smallest distance (m) in every cell's column.
+
+    Distances in a column cannot serve as they are, for the floor is near as well. But every obstacle comes within
+    `reach_of` a cell of a sample in its own column; such cells are the
+    obstacles, each known more exactly than its size by the distance it holds: a point is as far from the obstacle
+    as from that cell, and the remaining distance.
+    """
+    from scipy.spatial import cKDTree
+
+    reach = reach_of(cell)
+    blocked = np.argwhere(nearest <= reach)
+    if len(blocked) == 0:
+        return np.full(nearest.shape, OPEN)
+    tree = cKDTree(blocked)
+    remaining = nearest[blocked[:, 0], blocked[:, 1]]
+    count = min(8, len(blocked))
+    clearance = np.empty(nearest.shape)
+    columns = np.arange(nearest.shape[1])
+    for row in range(nearest.shape[0]):  # row by row, for memory's sake
+        away, which = tree.query(np.stack([np.full_like(columns, row), columns], axis=1), k=count)
+        away, which = away.reshape(-1, count), which.reshape(-1, count)
+        clearance[row] = (away * cell + remaining[which]).min(axis=1)
+    return np.minimum(clearance, OPEN)

@@ -27,7 +27,7 @@ def test_walks_begin_where_a_person_stands_upright(seed: int) -> None:
 
 
 class Closet(Scene):
-    """2 x 1.4 m between walls: for a radius of 0.5 m its middle is 1 m long, of 0.4 m its free part has a diagonal of 1.3 m."""
+    """2 x 1.4 m between walls: with a radius of 0.5 m one gets 1 m along its middle."""
 
     def __init__(self) -> None:
         walls = [Box((s * 1.05, 1.0, 0.0), (0.1, 2.0, 1.6)) for s in (-1, 1)]
