@@ -28,8 +28,9 @@ def test_storeys_are_named_with_their_areas(scenectl: Run, tmp_path: Path) -> No
     assert "floor: 0.000 m (found in the mesh); floors: 0.000 m (18.9 m²), 2.720 m (18." in said
 
 
-@pytest.mark.parametrize(
-    ("height", "words"), [(2.6, "floor: 0.000 m (found in the mesh); done"), (1.0, "1.00 m of free")]
-)
+FOUND = "floor: 0.000 m (found in the mesh); done"
+
+
+@pytest.mark.parametrize(("height", "words"), [(2.6, FOUND), (1.0, "has 1.00 m of free space above it")])
 def test_one_floor_or_none(scenectl: Run, tmp_path: Path, height: float, words: str) -> None:
     assert words in baked(scenectl, room(height=height), tmp_path)
