@@ -16,7 +16,7 @@ from tests.scenes.world.floor.grounds import block, joined, ramp, steps, storeys
 
 TILE = 0.6
 """Side of a tile (m); places at least `AWAY` from its border lie in cells of its own."""
-AWAY = 0.04
+AWAY = 0.005
 
 
 def tiles(heights: np.ndarray) -> Scene:
@@ -29,10 +29,10 @@ def tiles(heights: np.ndarray) -> Scene:
 
 
 @settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 2**31), rough=st.sampled_from([0.02, 0.2, 1.0]))
+@given(seed=st.integers(0, 2**31), rough=st.sampled_from([0.06, 0.17, 0.4]))
 def test_the_ground_is_as_high_as_the_tile_under_a_place(seed: int, rough: float) -> None:
     rng = np.random.default_rng(seed)
-    heights = rng.uniform(-rough / 2, rough / 2, (3, 4))
+    heights = rough * rng.integers(-2, 3, (3, 4))
     scene = tiles(heights)
     scene.__dict__["bounds"] = np.array([[0.0, -1.2, 0.0], [3 * TILE, 1.0, 4 * TILE]])
     i, j = rng.integers(3, size=200), rng.integers(4, size=200)

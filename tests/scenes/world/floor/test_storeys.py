@@ -79,6 +79,25 @@ def test_nobody_climbs_where_a_level_way_exists() -> None:
     assert not len(area.climbs(path)) and path[:, 0].min() < 0.1  # round by the ramp, though the steps are straight on
 
 
+def test_a_level_way_is_taken_however_long_it_is() -> None:
+    upper = [block((0.0, 10.5), (0.0, 2.0), 0.2), block((10.5, 12.0), (1.2, 2.0), 0.2)]
+    area = free_area(joined(block((0.0, 12.0), (-2.0, 0.0), 0.0), *upper, wedge((10.5, 12.0), (0.0, 1.2), 0.2)))
+    path = area.path((0.6, -1.0), (0.6, 1.0))
+    assert not len(area.climbs(path)) and walked(path) > 20.0
+
+
+def test_steps_are_crossed_and_not_walked_along() -> None:
+    path = free_area(kerb(0.2)).path((-1.5, -0.4), (1.5, 0.4))
+    near = np.abs(path[:, 2]) < 0.3
+    assert walked(path[near]) < 1.0  # of 2.3 m straight ahead
+
+
+def test_low_steps_are_level_however_steep() -> None:
+    area = free_area(steps(0.09, 7, 0.2))
+    path = area.path((0.0, -2.0), (0.0, 2.2))
+    assert path[-1, 1] == pytest.approx(0.63, abs=1e-4) and not len(area.climbs(path))
+
+
 def test_ways_lead_from_storey_to_storey_and_back() -> None:
     scene = storeys()
     area = free_area(scene)
