@@ -59,7 +59,7 @@ def held(surface: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _patches(walkable: np.ndarray, rest: np.ndarray, least: float) -> Iterator[np.ndarray]:
-    """Level patches of at least so many cells ``[X, Z]`` in what no sheet holds yet: `rest`, which shrinks meanwhile."""
+    """Level patches of enough cells ``[X, Z]`` in what no sheet holds yet: in `rest`, which shrinks meanwhile."""
     from scipy.ndimage import label
 
     while rest.sum() >= least:
