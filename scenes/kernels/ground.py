@@ -131,14 +131,29 @@ def steep(heights, cell, step, limit):
             for k in range(layers):
                 if math.isnan(heights[i, j, k]):
                     continue
-                square = 0.0
-                for axis in range(2):
-                    count = _followed(heights, i, j, k, axis, step, changes)
-                    if count > 1:
-                        mean, middle = changes[:count].mean(), np.median(changes[:count])
-                        square += min(abs(mean), abs(middle)) ** 2 if mean * middle > 0 else 0.0
-                result[i, j, k] = math.sqrt(square) > limit * cell
+                for median in (False, True):  # what is flat by the means needs no medians
+                    slope = _slope(heights, i, j, k, 0, step, median, changes) ** 2
+                    slope += _slope(heights, i, j, k, 1, step, median, changes) ** 2
+                    result[i, j, k] = slope > (limit * cell) ** 2
+                    if not result[i, j, k]:
+                        break
     return result
+
+
+@helper
+def _slope(heights, i, j, k, axis, step, median, changes):
+    """Change of height from cell to cell along one axis around a cell: the mean, or the median where that is less."""
+    count = _followed(heights, i, j, k, axis, step, changes)
+    if count < 2:
+        return 0.0
+    total = 0.0
+    for n in range(count):
+        total += changes[n]
+    mean = total / count
+    if not median:
+        return mean
+    middle = np.median(changes[:count])
+    return min(abs(mean), abs(middle)) if mean * middle > 0 else 0.0
 
 
 @helper

@@ -235,11 +235,18 @@ class Scene:
         Returns:
             Metres, NaN where there is nothing to stand on.
         """
+        if self._bare:
+            return np.full(np.broadcast_shapes(np.shape(x), np.shape(z), np.shape(below)), self.floor.height)
         levels, below = (self._walked, np.nan) if below is None else (self.levels, below)
         places = np.stack(np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (x, below, z))), axis=-1)
         main = self.ground
         found: np.ndarray = levels.under(places.reshape(-1, 3), 0.0 if main is None else main)
         return found.reshape(places.shape[:-1])
+
+    @property
+    def _bare(self) -> bool:
+        """Whether there is nothing to stand on but a plane."""
+        return not (self.meshes or self._still)
 
     @cached_property
     def _walked(self) -> Levels:
@@ -251,8 +258,8 @@ class Scene:
 
     def ground_under(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b"]:
         """Height (m, world) of what can be walked on, nearest below points; the floor's where there is none."""
-        if not (self.meshes or self.primitives) and self.stated_floor is not None:
-            return torch.full_like(points[..., 0], self.stated_floor)
+        if self._bare:
+            return torch.full_like(points[..., 0], self.floor.height)
         main = 0.0 if self.ground is None else self.ground
         found = np.nan_to_num(self._walked.under(points.detach().cpu().double().numpy().reshape(-1, 3), main), nan=main)
         return torch.from_numpy(found).to(points).reshape(points.shape[:-1])

@@ -91,7 +91,7 @@ def test_a_person_climbs_the_steps_onto_the_platform() -> None:
     feet = motion.select(FEET)
     over = scene.distance_exact(feet.reshape(-1, 3).numpy()).reshape(-1, 2) - SOLE
     assert scene.ground_under(feet[-1]).tolist() == pytest.approx([0.68, 0.68], abs=1e-4)
-    assert over.min() > -0.02 and over.min(axis=1).max() < 0.08  # neither in the steps nor over them
+    assert over.min() > -0.02 and over.min(axis=1).max() < 0.1  # not in the steps, and on them as `foot_contact` has it
     rise = motion.joint("pelvis")[:, 1]
     assert float(rise[-1] - rise[0]) == pytest.approx(0.68, abs=0.12)
     figures = measure(motion, Scorer(scene))
