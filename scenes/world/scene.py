@@ -203,7 +203,7 @@ class Scene:
 
     @cached_property
     def levels(self) -> Levels:
-        """All that can be stood on, in cells of 5 cm (of more in scenes of more than 100 x 100 m); bakes the meshes."""
+        """All that can be stood on, in cells of 5 cm (of more in scenes of more than 50 x 50 m); bakes the meshes."""
         return self.levels_in(fitting(self.bounds))
 
     def levels_in(self, cell: float) -> Levels:

@@ -29,7 +29,7 @@ scan, which are some centimetres long, by more than `SLOPE` allows; slopes are m
 ROOM = 1.5
 """Free height (m) over a place to stand, as `scenectl check` asks for at a start."""
 
-_CELLS = 4_000_000  # largest map: 100 x 100 m in cells of 5 cm; of larger scenes the cells are larger
+_CELLS = 1_000_000  # largest map: 50 x 50 m in cells of 5 cm; of larger scenes the cells are larger
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def lattice(bounds: np.ndarray, cell: float) -> tuple[tuple[float, float], np.nd
 
 
 def fitting(bounds: np.ndarray) -> float:
-    """Side (m) of a scene's own cells: `CELL`, or what keeps their number within 4 million."""
+    """Side (m) of a scene's own cells: `CELL`, or what keeps their number within a million."""
     low, high = bounds[:, [0, 2]]
     return max(CELL, float(np.sqrt(np.prod(high - low) / _CELLS)))
 

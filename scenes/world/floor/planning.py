@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.errors import UserError
 from scenes.world.floor.across import across
-from scenes.world.floor.levels import CELL, ROOM, STEP, lattice
+from scenes.world.floor.levels import CELL, ROOM, STEP, fitting, lattice
 from scenes.world.floor.mapping import CLIMB, HEIGHT, RADIUS, Mapper
 from scenes.world.floor.polyline import climbs
 from scenes.world.floor.sheet import COMFORT, OPEN, SPACING, Sheet, Walker
@@ -76,11 +76,12 @@ class FreeArea:
     @property
     def square_metres(self) -> float:
         """Area (m²) of the cells, of all storeys, where a person of the default radius can stand."""
-        free = [(np.argwhere(s.level >= self.radius), s) for s in self.sheets]
-        nodes = {(x, z, int(s.surface[x, z])) for cells, s in free[1:] for x, z in cells.tolist()}
-        first, main = free[0]
-        nodes -= {(x, z, int(main.surface[x, z])) for x, z in first.tolist()} if nodes else set()
-        return float(len(first) + len(nodes)) * self.cell**2
+        count = max(int(sheet.surface.max()) for sheet in self.sheets) + 2
+        found = []
+        for k, sheet in enumerate(self.sheets):  # what several sheets hold counts once, and bridged holes once
+            free = (sheet.level >= self.radius) & ((sheet.surface >= 0) | (k == 0))
+            found.append(np.flatnonzero(free) * count + sheet.surface[free] + 1)
+        return float(len(np.unique(np.concatenate(found)))) * self.cell**2
 
     def sample(self, n: int, rng: np.random.Generator, radius: float | None = None) -> np.ndarray:
         """`n` places ``[n, 2]`` (x, z in m), uniform over where a person of `radius` (m) can stand on the first sheet.
@@ -239,6 +240,6 @@ def free_area(scene: Scene, radius: float = RADIUS, height: float = HEIGHT, cell
     if int(np.prod(counts)) > _CELLS:
         raise UserError(f"free area: {counts[0]} x {counts[1]} cells are too many; use a cell larger than {cell:g} m")
     floor = scene.floor.height
-    levels = scene.levels if scene.levels.cell == cell else scene.levels_in(float(cell))
+    levels = scene.levels if fitting(scene.bounds) == cell else scene.levels_in(float(cell))
     sheets = Mapper(levels, scene.distance, floor, float(radius), float(height)).sheets()
     return FreeArea(sheets, floor, float(radius), float(height))
