@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -34,6 +35,15 @@ class Grounded(Protocol):
     @property
     def ground(self) -> float | None:
         """Metres, world; None where it is not known."""
+        ...
+
+
+@runtime_checkable
+class Layered(Protocol):
+    """A scene that knows how high soles stand at each place, as on steps and slopes."""
+
+    def ground_under(self, points: Tensor) -> Tensor:
+        """Height (m, world) of the ground under points, nearest below: ``[*b, 3] -> [*b]``, without gradients."""
         ...
 
 
@@ -72,10 +82,12 @@ class Context:
     scene: SceneLike
     body: BodyLike
 
-    @property
-    def ground(self) -> float | None:
-        """Height (m, world) on which soles stand, where the scene knows it."""
-        return self.scene.ground if isinstance(self.scene, Grounded) else None
+    def ground_under(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b"] | None:
+        """Height (m, world) on which soles at points stand, where the scene knows it; without gradients."""
+        if isinstance(self.scene, Layered):
+            return self.scene.ground_under(points)
+        ground = self.scene.ground if isinstance(self.scene, Grounded) else None
+        return None if ground is None else torch.full_like(points[..., 0], ground, requires_grad=False)
 
     @property
     def origin(self) -> Place:
@@ -105,6 +117,9 @@ class _Unbaked:
 
     def distance(self, points: Tensor, time: Tensor | None = None) -> Tensor:
         return points[..., 1] if time is None else points[..., 1] + 0 * time
+
+    def ground_under(self, points: Tensor) -> Tensor:
+        return torch.zeros_like(points[..., 0])
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._scene, name)

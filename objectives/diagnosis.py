@@ -31,6 +31,7 @@ class _Target:
         miss: by how much it is missed, in `unit`.
         met: within the tolerance.
         joint, time, place: where a joint shall be (world m, s); None for other goals.
+        ground: height (m, world) of the ground under that place, where the scene knows it.
     """
 
     label: str
@@ -40,6 +41,7 @@ class _Target:
     joint: str | None = None
     time: float = 0.0
     place: tuple[float, float, float] | None = field(default=None)
+    ground: float | None = None
 
 
 def diagnosis(objective: Objective, motion: Motion, context: Context) -> str | None:
@@ -88,7 +90,9 @@ def _targets(term: Term, motion: Motion, context: Context) -> list[_Target]:
         miss = float(size[frame, entry])
         who = joint or (found.labels[entry] if found.labels else "")
         label = f"{name} ({who.replace('_', ' ')}, {time:.2f} s)" if who else f"{name} ({time:.2f} s)"
-        targets.append(_Target(label, miss, term.spec.unit, miss <= term.allowed, joint, time, place))
+        ground = None if place is None else context.ground_under(torch.tensor([place]))
+        below = None if ground is None else float(ground)
+        targets.append(_Target(label, miss, term.spec.unit, miss <= term.allowed, joint, time, place, below))
     return targets
 
 
@@ -104,7 +108,8 @@ def _conflicts(target: _Target, targets: list[_Target], motion: Motion) -> list[
     skeleton, here = motion.skeleton, torch.tensor(target.place)
     ground = float(motion.joints[..., 1].amin())
     reach = skeleton.span("left_foot", target.joint) + LEAP
-    found = [(target.place[1] - ground - reach, ""), (ground - target.place[1], "")]
+    under = ground if target.ground is None else max(ground, target.ground)  # it may be over a step
+    found = [(target.place[1] - under - reach, ""), (ground - target.place[1], "")]
     begin = motion.joint("pelvis")[0].to(here)
     way = skeleton.span("pelvis", target.joint) + FASTEST * (target.time - motion.t0)
     found.append((float((here - begin).norm()) - way, "of the start"))

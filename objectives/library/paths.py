@@ -1,4 +1,4 @@
-"""Following a path on the floor, such as the planner's."""
+"""Following a path on the ground, such as the planner's."""
 
 from __future__ import annotations
 
@@ -24,6 +24,13 @@ from scenes.motion.motion import Motion
 # of many short segments.
 _SOFT = 0.02
 
+# Over steps, the height of a joint over a slope through them varies by so much (m) while feet are set on them.
+_BOB = 0.1
+
+# Parts of a path count as about as near within the first distance (m), and as passed about then within the second along
+# it: a quarter of a turn of winding stairs.
+_NEAR, _LATE = 0.1, 1.0
+
 
 @goal(unit="m", kernel="squared", reduction="mean", scale=100.0, tolerance=0.1, pulls=True)
 def follow_path(
@@ -37,55 +44,70 @@ def follow_path(
     lag: Positive = 0.5,
     pace: Literal["constant", "ease"] = "constant",
     joint: str = "pelvis",
+    height: float | None = None,
 ) -> Masked:
     """Stay inside a soft corridor along a path on the floor, and keep to a schedule along it if one is stated.
 
     The gradient of a distance field alone walks into corners; a planned path does not. Two residuals, m, in the floor
     plane: how far the joint is outside the corridor, max(0, d - half_width), and, if `begin` and `end` are stated, the
-    vector from where the schedule has it to where it is, shortened by `lag`. Ours; no paper states it.
+    vector from where the schedule has it to where it is, shortened by `lag`. A third one, m, if `height` is stated: how
+    far, beyond 0.1, the joint is from being so high over the path where it is nearest to it. Ours; no paper states it.
 
     Args:
-        path: its vertices, [x, z] or [x, y, z] world m (the height is not used).
+        path: its vertices, [x, z] or [x, y, z] world m (their heights are used where `height` is stated).
         half_width: of the corridor, m.
         begin: when the joint is at the first vertex, s; before it, it may wait there.
         end: when it is at the last vertex, s; afterwards it stays.
         lag: how far from the scheduled place it may be, m.
         pace: "constant" speed, or "ease" that starts and stops smoothly.
         joint: the joint that follows.
+        height: of the joint over the path, m; by default it is left free.
 
     Raises:
-        UserError: a path of fewer than two different points, or a schedule with one end or that runs backwards.
+        UserError: a path of fewer than two different points, a schedule with one end or that runs backwards, or a
+            `height` over a path without heights.
     """
     place = motion.joint(joint)
     corners = _vertices(path)
     vertices = place.new_tensor(corners)
-    corridor = (path_distance(place[..., ::2], vertices) - half_width).clamp_min(0)[..., None]
+    flat, along = vertices[:, ::2], None
+    nowhere = place.new_full((motion.frames, 3), math.nan)
+    parts = [(path_distance(place[..., ::2], flat) - half_width).clamp_min(0)[..., None]]
+    labels, targets = [f"{joint} (corridor)"], [nowhere]
+
+    if begin is not None or end is not None:
+        if begin is None or end is None or end <= begin:
+            raise UserError("a schedule needs 'begin' and a later 'end'")
+        along = ((motion.times - begin) / (end - begin)).clamp(0, 1)
+        along = along * along * (3 - 2 * along) if pace == "ease" else along
+        scheduled = path_point(flat, along)
+        parts.append(beyond(place[..., ::2] - scheduled, lag))
+        labels.append(f"{joint} (schedule)")
+        targets.append(torch.stack([scheduled[:, 0], nowhere[:, 1], scheduled[:, 1]], dim=-1))
+    if height is not None:
+        if vertices.isnan().any():
+            raise UserError("'height' needs a path of [x, y, z]")
+        over = place[..., 1] - height - path_height(place[..., ::2], vertices, along)
+        parts.append((over.sign() * (over.abs() - _BOB).clamp_min(0))[..., None])
+        labels.append(f"{joint} (height)")
+        targets.append(nowhere)
 
     def marks() -> list[Mark]:
-        return [Mark("line", torch.tensor([(x, math.nan, z) for x, z in corners]), role="way")]
+        return [Mark("line", torch.tensor([(x, math.nan, z) for x, _, z in corners]), role="way")]
 
-    labels = [f"{joint} (corridor)", f"{joint} (schedule)"]
-    if begin is None and end is None:
-        return Masked(corridor, labels=labels[:1], joints=[joint], points=place[..., None, :], marks=marks)
-    if begin is None or end is None or end <= begin:
-        raise UserError("a schedule needs 'begin' and a later 'end'")
-    share = ((motion.times - begin) / (end - begin)).clamp(0, 1)
-    share = share * share * (3 - 2 * share) if pace == "ease" else share
-    scheduled = path_point(vertices, share)
-    behind = beyond(place[..., ::2] - scheduled, lag)
-    points = place[..., None, :].expand(*place.shape[:-1], 2, 3)
-    targets = place.new_full((motion.frames, 2, 3), math.nan)
-    targets[:, 1, ::2] = scheduled
+    count = len(parts)
+    points = place[..., None, :].expand(*place.shape[:-1], count, 3)
+    drawn = torch.stack(targets, dim=-2).expand(points.shape) if along is not None else None
     return Masked(
-        torch.cat([corridor, behind], dim=-1), sizes=(1, 2), labels=labels, joints=[joint, joint], points=points,
-        targets=targets.expand(points.shape), marks=marks,
+        torch.cat(parts, dim=-1), sizes=tuple(part.shape[-1] for part in parts), labels=labels, joints=[joint] * count,
+        points=points, targets=drawn, marks=marks,
     )  # fmt: skip
 
 
-def _vertices(path: list[FloorPoint] | list[Point]) -> list[tuple[float, float]]:
-    """x and z of the path's vertices, without repetitions."""
-    flat = [(p.x, p.z) for p in path]
-    kept = flat[:1] + [b for a, b in pairwise(flat) if a != b]
+def _vertices(path: list[FloorPoint] | list[Point]) -> list[tuple[float, float, float]]:
+    """The path's vertices without repetitions, their heights nan where they are not stated."""
+    stated = [(p.x, p.y if isinstance(p, Point) else math.nan, p.z) for p in path]
+    kept = stated[:1] + [b for a, b in pairwise(stated) if a[::2] != b[::2]]
     if len(kept) < 2:
         raise UserError(f"'path' needs at least two different points, it has {len(kept)}")
     return kept
@@ -106,3 +128,21 @@ def path_point(vertices: Float[Tensor, "P 2"], share: Float[Tensor, " T"]) -> Fl
     segment = (torch.searchsorted(marks, run.contiguous()) - 1).clamp(0, len(steps) - 1)
     part = ((run - marks[segment]) / steps[segment])[:, None]
     return torch.lerp(vertices[segment], vertices[segment + 1], part)
+
+
+def path_height(
+    points: Float[Tensor, "*b T 2"], vertices: Float[Tensor, "P 3"], share: Float[Tensor, " T"] | None
+) -> Float[Tensor, "*b T"]:
+    """Height (m) of a polyline where it is nearest to points as seen from above, a mean where parts are about as near.
+
+    With the share of its length that is passed by then, those parts count that it is passed at.
+    """
+    a, along = vertices[:-1], vertices[1:] - vertices[:-1]
+    steps = along[:, ::2].norm(dim=-1)
+    part = ((points[..., None, :] - a[:, ::2]) * along[:, ::2]).sum(-1) / steps.square()
+    nearest = a + part.clamp(0, 1)[..., None] * along
+    away = ((points[..., None, :] - nearest[..., ::2]) / _NEAR).square().sum(-1)
+    if share is not None:
+        middle = steps.cumsum(0) - steps / 2
+        away = away + ((middle - share[:, None] * steps.sum()) / _LATE).square()
+    return (torch.softmax(-away / 2, dim=-1) * nearest[..., 1]).sum(-1)

@@ -31,8 +31,8 @@ def sdf_penetration(
     here max(0, margin - d_m). What is exempted counts neither in the sum nor in the mean.
 
     Args:
-        margin: distance that shall stay free between body and scene, m; the paper has none. The floor may be stood on:
-            of what is lower than the margin over its height, no more is asked than that (on a step of stairs, all).
+        margin: distance that shall stay free between body and scene, m; the paper has none. The ground may be stood on:
+            of what is lower than the margin over that under it, no more is asked than that.
         exempt: joints whose part of the body may touch the scene, such as a hand that reaches into a shelf.
         exempt_windows: the exemption holds only in these [begin, end] (s); without `exempt` it is the whole body's.
     """
@@ -40,7 +40,8 @@ def sdf_penetration(
     # The time axis lines up with T, so that fields which move are asked at the moment of each frame.
     distance = context.scene.distance(points, motion.times[:, None])
     radius = radius.to(distance)
-    depth = (_asked(margin, points[..., 1] - radius, context) - (distance - radius)).clamp_min(0)
+    room = distance - radius
+    depth = (_asked(margin, points, points[..., 1] - radius, room, context) - room).clamp_min(0)
     active = _counted(motion, context.body.owners, chosen(exempt, motion), exempt_windows)
     return Masked(depth, active.expand(depth.shape), labels=context.body.owners, points=points)
 
@@ -73,7 +74,9 @@ def swept_penetration(
     times = (motion.times[now, None], motion.times[then, None])
     room = swept_clearance(context.scene, *ends, radius, times, speed, tolerance=0.005, enough=margin)
     lowest = torch.stack([end[..., 1] for end in ends]).amin(0) - radius
-    depth = 100 * (_asked(margin, lowest, context) - room).clamp_min(0)
+    depth = 100 * (_asked(margin, (a[..., now, :, :] + b[..., now, :, :]) / 2, lowest, room, context) - room).clamp_min(
+        0
+    )
     counted = _counted(motion, owners, chosen(exempt, motion), exempt_windows)
     active = (counted[now] & counted[then]) & (motion.valid[..., now, None] & motion.valid[..., then, None])
     # Frame t stands for the step from t to t + 1, so the last frame of a motion has none.
@@ -81,10 +84,25 @@ def swept_penetration(
     return Masked(depth, torch.nn.functional.pad(active, (0, 0, 0, 1)), labels=owners, points=(a + b) / 2)
 
 
-def _asked(margin: float, bottoms: Float[Tensor, "*b"], context: Context) -> float | Float[Tensor, "*b"]:
-    """The margin (m); of parts of the body whose lowest point (m, world) is lower over the ground, only that much."""
-    ground = context.ground if margin else None
-    return margin if ground is None else (bottoms - ground).clamp(0.0, margin)
+def _asked(
+    margin: float,
+    places: Float[Tensor, "*b 3"],
+    bottoms: Float[Tensor, "*b"],
+    room: Float[Tensor, "*b"],
+    context: Context,
+) -> float | Float[Tensor, "*b"]:
+    """The margin (m); of parts of the body whose lowest point (m, world) is lower over the ground, only that much.
+
+    Only parts that have less than the margin are asked about: of the others, no residual is left.
+    """
+    close = room.detach() < margin
+    if not margin or not close.any():
+        return margin
+    soles = torch.stack([places[..., 0], bottoms, places[..., 2]], dim=-1).detach()[close]
+    ground = context.ground_under(soles)
+    if ground is None:
+        return margin
+    return torch.full_like(bottoms, margin).masked_scatter(close, (bottoms[close] - ground).clamp(0.0, margin))
 
 
 def _counted(

@@ -39,8 +39,7 @@ def bake(
     with err.status("baking"), in_doubt(doubt for mesh in found.meshes for doubt in mesh.doubts):
         grids = [result.grid for result in found.bakes]
     _show_bake(found)
-    where = "found in the mesh" if found.floor.found else "stated"
-    out.print(f"floor: {found.floor.height:.3f} m ({where}); done in {time.perf_counter() - begin:.1f} s")
+    out.print(f"{_floors(found)}; done in {time.perf_counter() - begin:.1f} s")
     doubt(found.doubts)
     if output is not None:
         if len(grids) != 1:
@@ -64,6 +63,17 @@ def _show_bake(scene: Scene) -> None:
         size = " x ".join(str(n) for n in grid.shape)
         kept = "" if isinstance(grid, SdfGrid) else ", kept near surfaces only"
         out.print(f"grid: {size} nodes, spacing {1000 * grid.spacing:.1f} mm{kept}, {grid.nbytes / 1e6:.1f} MB")
+
+
+def _floors(scene: Scene) -> str:
+    """How high the floor lies, and the heights and areas of all where there are several; why there is none."""
+    try:
+        floor, floors = scene.floor, scene.floors
+    except UserError as error:
+        return str(error)
+    where = "found in the mesh" if floor.found else "stated"
+    told = ", ".join(f"{storey.height:.3f} m ({storey.area:.1f} m²)" for storey in floors)
+    return f"floor: {floor.height:.3f} m ({where})" + (f"; floors: {told}" if len(floors) > 1 else "")
 
 
 def _free_space(text: str) -> FreeSpace:

@@ -20,7 +20,7 @@ def check(
     with importing():
         from scenectl.generators.weights import weights_folder
         from scenectl.tasks.task import load_task
-        from scenes.world.floor.polyline import path_length
+        from scenes.world.floor.polyline import walked
 
     allow(allow_code)
     for path in tasks:
@@ -29,8 +29,8 @@ def check(
         if family.weights is not None and weights != "default":
             weights_folder(weights)
         problem = task.build()
-        walk = "" if problem.path is None else f", a walk of {path_length(problem.path):.1f} m"
+        walk = "" if problem.path is None else f", a walk of {walked(problem.path):.1f} m"
         count = len(problem.objective.terms)
         goals = f"{count} goal" + ("" if count == 1 else "s")
         out.print(f"{path}: fine ({problem.seconds:g} s in '{problem.scene.name}', {goals}{walk})")
-        doubt(problem.scene.doubts)
+        doubt(problem.doubts)

@@ -30,7 +30,7 @@ SHALLOW = 0.01
 """A frame counts as touching when something is deeper than this (m)."""
 
 
-def skating_ratio(motion: Motion, ground: float = 0.0) -> Float[Tensor, "*b"]:
+def skating_ratio(motion: Motion, ground: float | Float[Tensor, "*b T 2"] = 0.0) -> Float[Tensor, "*b"]:
     """Share of transitions in which a foot slides, by the definition of guided motion diffusion (GMD).
 
     A foot skates from t to t+1 when its joint is lower than 0.05 m in both frames and moves faster than 0.5 m/s in the
@@ -39,7 +39,8 @@ def skating_ratio(motion: Motion, ground: float = 0.0) -> Float[Tensor, "*b"]:
 
     Args:
         motion: world coordinates; valid frames come first.
-        ground: height (m) of the canonical frame's y = 0, i.e. of the lowest foot joint of a standing person.
+        ground: height (m) of the canonical frame's y = 0, i.e. of the lowest foot joint of a standing person; one, or
+            one for each foot in each frame.
     """
     feet = motion.select(FEET)
     real = motion.valid[..., 1:] & motion.valid[..., :-1]
@@ -86,9 +87,14 @@ def bone_length_drift(motion: Motion) -> Float[Tensor, "*b"]:
     return torch.where(real, (lengths - median).abs(), 0.0).amax(dim=(-2, -1))
 
 
-def lowest_sole(motion: Motion, floor: float, body: ProxyBody = DEFAULT_BODY) -> Float[Tensor, "*b"]:
-    """Height (m) of the lowest sole over the floor in any valid frame; negative when it sinks in."""
-    height = motion.select(FEET)[..., 1].amin(dim=-1) - body.sole_offset - floor
+def lowest_sole(
+    motion: Motion, floor: float | Float[Tensor, "*b T 2"], body: ProxyBody = DEFAULT_BODY
+) -> Float[Tensor, "*b"]:
+    """Height (m) of the lowest sole over the floor in any valid frame; negative when it sinks in.
+
+    The floor's height is one, or one for each foot in each frame.
+    """
+    height = (motion.select(FEET)[..., 1] - body.sole_offset - floor).amin(dim=-1)
     return torch.where(motion.valid, height, torch.inf).amin(dim=-1)
 
 
@@ -151,10 +157,9 @@ class Scorer:
             np.where(real, obstacles.reshape(frames, count).min(axis=1), np.inf),
         )
 
-    @property
-    def standing(self) -> float:
-        """Height (m) of the lowest foot joint of a standing person."""
-        return self.scene.floor.height + self.body.sole_offset
+    def ground(self, motion: Motion) -> Float[Tensor, "*b T 2"]:
+        """Height (m) of the ground under each foot in each frame: of the floor, a step or the storey that one is on."""
+        return self.scene.ground_under(motion.select(FEET))
 
     def part(self, sample: int) -> str:
         """Name of the body part that a sample of `Depths.part` belongs to."""
@@ -232,7 +237,7 @@ def measure(motion: Motion, scorer: Scorer) -> dict[str, float | str | None]:
 
     `deepest_penetration_m` is of obstacles; `deepest_at_s` and `deepest_part` say when and with what.
     """
-    floor, body = scorer.scene.floor.height, scorer.body
+    ground, body = scorer.ground(motion), scorer.body
     depths = scorer.depths(motion)
     frame = int(depths.obstacles.argmax())
     deepest = float(depths.obstacles[frame])
@@ -247,8 +252,8 @@ def measure(motion: Motion, scorer: Scorer) -> dict[str, float | str | None]:
         "share_of_frames_touching": float(
             (np.maximum(depths.obstacles, depths.floor)[real] > SHALLOW).mean() if real.any() else 0.0
         ),
-        "lowest_sole_m": float(lowest_sole(motion, floor, body)),
-        "skating_ratio": float(skating_ratio(motion, scorer.standing)),
+        "lowest_sole_m": float(lowest_sole(motion, ground, body)),
+        "skating_ratio": float(skating_ratio(motion, ground + body.sole_offset)),
         "max_acceleration_m_per_frame2": float(max_acceleration(motion)),
         "bone_length_drift_m": float(bone_length_drift(motion)),
         "path_length_m": float(travelled(motion)),

@@ -9,7 +9,7 @@ import numpy as np
 from scenectl.pipeline.results import FORMAT, Sample, plain_json
 from scenectl.tasks.setup import Setup
 from scenectl.version import __version__
-from scenes.world.floor.polyline import path_length
+from scenes.world.floor.polyline import walked
 
 
 def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:
@@ -25,14 +25,14 @@ def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:
         "start": {"position": list(start.position), "heading": start.heading},
         "walk": None
         if path is None
-        else {"path": plain_json((path + np.array(origin)).round(4)), "length_m": path_length(path)},
+        else {"path": plain_json((path + np.array(origin)).round(4)), "length_m": walked(path)},
         "scene": {
             "name": scene.name,
             "digest": scene.digest,
             "floor_m": scene.floor.height + origin[1],
             "floor_found": scene.floor.found,
             "bake": scene.report(),
-            "doubts": list(scene.doubts),
+            "doubts": list(setup.doubts),
         },
         "body": {"source": body.source, "sole_offset_m": body.sole_offset, "radii": body.table()},
         "samples": [_row(rank, row) for rank, row in enumerate(rows)],

@@ -27,14 +27,23 @@ from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
 from scenes.validation import sentence
+from scenes.world.floor.levels import STEP
 from scenes.world.floor.planning import FreeArea
-from scenes.world.floor.polyline import path_length, resample
+from scenes.world.floor.polyline import resample, sloped, walked
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
 Unit: TypeAlias = Literal["m", "cm", "mm", "in", "ft"]
 Axis: TypeAlias = Literal["x", "y", "z"]
 Resolution: TypeAlias = Annotated[int, Field(ge=8, le=512)]
+Spot: TypeAlias = tuple[float, float] | tuple[float, float, float]
+"""A place on the ground: [x, z], or [x, y, z] where y tells storeys apart, world metres."""
+
+PELVIS = 0.91
+"""Height (m) of the pelvis over the lowest foot joint of a person who walks: the mean over what the shipped generator
+makes of "a person walks forward" on level ground, whose standard deviation is 0.02 m."""
+STRIDE = 0.7
+"""Length (m) of a step of a person who walks, over which the body's middle rises with the ground."""
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
@@ -142,7 +151,7 @@ class Start(_Table):
         free: place and heading are solved for along with the motion, each sample's own, from here on.
     """
 
-    position: tuple[float, float] | tuple[float, float, float]
+    position: Spot
     heading: float | None = None
     free: bool = False
 
@@ -155,8 +164,9 @@ class Walk(_Table):
     """Walk to a place: the planner's path becomes `follow_path`, its end a `joint_target` of the pelvis.
 
     Attributes:
-        to: where the pelvis shall be in the end, [x, z], world metres.
-        via: places to pass on the way, in order, a list of [x, z].
+        to: where the pelvis shall be in the end, [x, z], world metres; [x, y, z] with the height of the ground there
+            says which storey.
+        via: places to pass on the way, in order, a list of them.
         radius: of the body while planning (m).
         height: that shall be free along the path (m); less where the person shall duck.
         arrive: when (s); by default at the end.
@@ -165,8 +175,8 @@ class Walk(_Table):
         weight: of both goals.
     """
 
-    to: tuple[float, float]
-    via: tuple[tuple[float, float], ...] = ()
+    to: Spot
+    via: tuple[Spot, ...] = ()
     radius: Annotated[float, Field(gt=0.05, le=1.0)] = 0.3
     height: Annotated[float, Field(gt=0.3, le=3.0)] = 1.8
     arrive: float | None = None
@@ -178,26 +188,32 @@ class Walk(_Table):
         """The same walk so much (m) further."""
         return self.model_copy(update={"to": _moved(self.to, by), "via": tuple(_moved(p, by) for p in self.via)})
 
-    def path(self, area: FreeArea, start: tuple[float, float]) -> np.ndarray:
-        """The planner's way from `start` (x, z) over `via` to `to`, ``[P, 3]``; UserError when there is none."""
+    def path(self, area: FreeArea, start: Spot) -> np.ndarray:
+        """The planner's way from `start` over `via` to `to`, ``[P, 3]``; UserError when there is none."""
         stops = [start, *self.via, self.to]
         legs = [area.path(a, b, self.radius) for a, b in pairwise(stops)]
         return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
 
-    def terms(self, path: np.ndarray, seconds: float, fps: float) -> list[Term]:
-        """The two goals for a path ``[P, 3]``: a corridor with a schedule, and the place at its end."""
+    def terms(self, path: np.ndarray, seconds: float, fps: float, body: ProxyBody = DEFAULT_BODY) -> list[Term]:
+        """The two goals for a path ``[P, 3]``: a corridor with a schedule, and the place at its end.
+
+        Where the ground rises or falls by more than `STEP`, the pelvis keeps its height over it.
+        """
         last = seconds - 1 / fps
         arrive = last if self.arrive is None else min(self.arrive, last)
         end = [float(path[-1, 0]), float(path[-1, 2])]
         target = {"joint": "pelvis", "position": end}
         terms = [Term("joint_target", target, self.weight, self.tolerance, at=arrive, name="walk: arrive")]
-        if path_length(path) < 0.05:
+        if walked(path) < 0.05:
             return terms
+        rises = bool(np.ptp(path[:, 1]) > STEP)
+        line = sloped(path, STRIDE) if rises else resample(path[:, [0, 2]], 0.2)  # 5 cm would only cost time
         corridor = {
-            "path": resample(path[:, [0, 2]], 0.2).tolist(),  # the planner's 5 cm would only cost time
+            "path": line.tolist(),
             "half_width": self.half_width,
             "begin": 0.0,
             "end": arrive,
+            "height": PELVIS + body.sole_offset if rises else None,
         }
         return [Term("follow_path", corridor, self.weight, name="walk: path"), *terms]
 

@@ -16,8 +16,9 @@ from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place
 from scenes.motion.motion import Motion, Pose2D
+from scenes.world.floor.levels import STEP
 from scenes.world.floor.planning import FreeArea, free_area
-from scenes.world.floor.polyline import path_length
+from scenes.world.floor.polyline import climbs, walked
 from scenes.world.scene import Scene
 
 FASTEST_WALK = 1.6
@@ -43,7 +44,7 @@ class Setup:
         scene, body, context, objective: what goals look at, and the goals, those of `walk` first.
         start: rigid transform of the canonical motion, metres and radians.
         seconds: length.
-        path: the planned walk, ``[P, 3]`` metres at floor height, or None.
+        path: the planned walk, ``[P, 3]`` metres on the ground, or None.
     """
 
     task: TaskTable
@@ -59,6 +60,16 @@ class Setup:
     def origin(self) -> Place:
         """Where in the world (m) the frame begins."""
         return self.scene.origin
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The scene's, and what is unusual about the walk, one sentence each."""
+        taken = np.zeros(0) if self.path is None else climbs(self.path, STEP)
+        if not len(taken):
+            return self.scene.doubts
+        count = f"{len(taken)} step{'s' if len(taken) > 1 else ''}"
+        walk = f"the walk climbs {count} of up to {np.abs(taken).max():.2f} m, as no level way exists"
+        return (*self.scene.doubts, walk)
 
 
 def plan(
@@ -94,7 +105,7 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     seconds = _seconds(task, path, spec)
     if start is None:
         start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), _heading(task, path))
-    walk = [] if task.walk is None or path is None else task.walk.terms(path, seconds, spec.fps)
+    walk = [] if task.walk is None or path is None else task.walk.terms(path, seconds, spec.fps, body)
     objective = Objective((*walk, *task.terms))
     objective.check(context, seconds, spec.fps)
     return Setup(task, scene, body, context, objective, start, seconds, path)
@@ -107,28 +118,35 @@ def _place(
     ground = scene.floor.height
     if isinstance(task.start, Start):
         p = task.start.position
-        return (p[0], ground, p[1]) if len(p) == 2 else (p[0], p[1], p[2])
+        return (p[0], _ground(scene, p[0], p[1]), p[1]) if len(p) == 2 else (p[0], p[1], p[2])
     if task.start is None and not (scene.meshes or scene.primitives or scene.objects):
         return 0.0, ground, 0.0
     area = free_area(scene) if area is None else area
     if task.walk is None:
-        x, z = area.sample(1, rng, 0.4)[0]
-        return float(x), ground, float(z)
-    for x, z in area.sample(64, rng, task.walk.radius):
+        x, z = (float(value) for value in area.sample(1, rng, 0.4)[0])
+        return x, _ground(scene, x, z), z
+    for x, z in area.sample(64, rng, task.walk.radius).tolist():
+        place = (x, _ground(scene, x, z), z)
         try:
-            length = path_length(task.walk.path(area, (float(x), float(z))))
+            length = walked(task.walk.path(area, place))
         except UserError:
-            if not area.contains(np.asarray(task.walk.to), task.walk.radius):
+            if not area.free(task.walk.to, task.walk.radius):
                 raise  # the target itself is the trouble, no start will help
             continue
         if 1.0 <= length <= 0.75 * FASTEST_WALK * min(task.seconds or window, window):
-            return float(x), ground, float(z)
+            return place
     raise UserError(f"no free start from which {_at(task.walk.to)} can be walked to was found; state 'start'")
+
+
+def _ground(scene: Scene, x: float, z: float) -> float:
+    """Height (m) of the ground at a place, nearest to the floor's; the floor's where there is none."""
+    height = float(scene.ground_at(x, z))
+    return scene.floor.height if math.isnan(height) else height
 
 
 def _path(walk: Walk, area: FreeArea, place: tuple[float, float, float]) -> np.ndarray:
     try:
-        return walk.path(area, (place[0], place[2]))
+        return walk.path(area, place)
     except UserError as error:
         raise UserError(f"walk: {error}") from error
 
@@ -143,7 +161,7 @@ def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
     if path is None:
         assert task.seconds is not None
         return task.seconds
-    length = path_length(path)
+    length = walked(path)
     if task.seconds is None:
         seconds = max(round(length / PACE, 1), spec.shortest)
         if seconds > spec.longest:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property, partial, reduce
 from itertools import chain
 from pathlib import Path
@@ -27,7 +28,9 @@ from scenes.sdf.field import DistanceField
 from scenes.sdf.free_space import Sides, decide
 from scenes.sdf.lattice import Lattice, padded
 from scenes.sdf.settings import BakeOptions, BakeSettings, FreeSpace
-from scenes.world.floor.ground import Floor, find_floor
+from scenes.world.floor.ground import Floor, find_floors
+from scenes.world.floor.levels import Levels, fitting
+from scenes.world.floor.mapping import held, surfaces
 from scenes.world.moving import MovingObject
 
 DENSE = 2**26
@@ -218,20 +221,92 @@ class Scene:
         (low, high), seed = padded(mesh.bounds, self.padding), np.array(self.baking.free_space)
         return bool((low <= seed).all() and (seed <= high).all())
 
-    @cached_property
+    @property
     def floor(self) -> Floor:
-        """The floor: as stated, or found in the meshes."""
+        """The floor: as stated, or the lowest of those found."""
         if self.stated_floor is not None:
             return Floor(height=float(self.stated_floor), found=False)
-        return find_floor(self.meshes)
+        return self.floors[0]
+
+    @cached_property
+    def floors(self) -> tuple[Floor, ...]:
+        """All storeys from low to high, as `find_floors` finds them in what does not move; bakes the meshes.
+
+        Raises:
+            UserError: nowhere is there room to stand.
+        """
+        return find_floors(self.levels, self.name)
 
     @cached_property
     def ground(self) -> float | None:
-        """Height (m, world) on which soles stand; None where no floor is stated, nor found in the meshes."""
+        """Height (m, world) of the floor; None where none is stated, nor found in the meshes."""
         try:
             return self.floor.height
         except UserError:
             return None
+
+    @cached_property
+    def levels(self) -> Levels:
+        """All that can be stood on, in cells of 5 cm (of more in scenes of more than 50 x 50 m); bakes the meshes."""
+        return self.levels_in(fitting(self.bounds))
+
+    def levels_in(self, cell: float) -> Levels:
+        """All that can be stood on, in cells of side `cell` (m): of meshes, primitives at rest and a stated floor."""
+        solid = [shape for shape in self._still if not isinstance(shape, Plane)]
+        planes = [*(shape for shape in self._still if isinstance(shape, Plane)), *self.planes]
+        meshes = [*self.meshes, *(shape.mesh() for shape in solid)]
+        return Levels.of(meshes, planes, self._at_rest, self.bounds, cell, self.baking.thickness / 2)
+
+    def _at_rest(self, points: Tensor) -> Tensor:
+        """Signed distance (m) to all that does not move."""
+        still = (*(result.grid for result in self.bakes), *self._still, *self.planes)
+        return reduce(torch.minimum, (field.distance(points, None) for field in still))
+
+    @property
+    def _still(self) -> tuple[Primitive, ...]:
+        """The primitives that do not move."""
+        return tuple(shape for shape in self.primitives if getattr(shape, "motion", None) is None)
+
+    def ground_at(self, x: Any, z: Any, below: Any = None) -> np.ndarray:
+        """Height (m, world) of the ground at places: on slopes and steps, and of the storey that one is on.
+
+        Args:
+            x, z: metres, world, of any shapes that broadcast.
+            below: heights (m) of soles; the ground is what lies nearest below them, up to 10 cm above them included.
+                None: of what can be walked on (`surfaces`: the floor, what steps lead to, storeys, but no tables),
+                what is nearest to the floor's height.
+
+        Returns:
+            Metres, NaN where there is nothing to stand on.
+        """
+        if self._bare:
+            return np.full(np.broadcast_shapes(np.shape(x), np.shape(z), np.shape(below)), self.floor.height)
+        levels, below = (self._walked, np.nan) if below is None else (self.levels, below)
+        places = np.stack(np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (x, below, z))), axis=-1)
+        main = self.ground
+        found: np.ndarray = levels.under(places.reshape(-1, 3), 0.0 if main is None else main)
+        return found.reshape(places.shape[:-1])
+
+    @property
+    def _bare(self) -> bool:
+        """Whether there is nothing to stand on but a plane."""
+        return not (self.meshes or self._still)
+
+    @cached_property
+    def _walked(self) -> Levels:
+        """Of the levels those that can be walked on."""
+        levels = self.levels
+        found = surfaces(levels, 0.0 if self.ground is None else self.ground)
+        kept = np.logical_or.reduce([held(surface, levels.heights.shape) for surface in found])
+        return replace(levels, heights=np.where(kept, levels.heights, np.nan))
+
+    def ground_under(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b"]:
+        """Height (m, world) of what can be walked on, nearest below points; the floor's where there is none."""
+        if self._bare:
+            return torch.full_like(points[..., 0], self.floor.height)
+        main = 0.0 if self.ground is None else self.ground
+        found = np.nan_to_num(self._walked.under(points.detach().cpu().double().numpy().reshape(-1, 3), main), nan=main)
+        return torch.from_numpy(found).to(points).reshape(points.shape[:-1])
 
     @property
     def moving(self) -> tuple[MovingObject | Sphere | Capsule, ...]:

@@ -257,6 +257,15 @@ def test_a_margin_is_kept_from_walls_and_not_from_the_floor_one_stands_on(goal: 
     assert report.worst == pytest.approx(5.0 if report.unit == "cm" else 0.05, rel=0.1)
 
 
+@pytest.mark.parametrize("goal", ["sdf_penetration", "swept_penetration"])
+def test_a_step_may_be_stood_on_as_a_floor_may(goal: str) -> None:
+    lift = torch.tensor([0, 0.2 + DEFAULT_BODY.sole_offset, 0])
+    motion = Motion(standing(3, dtype=torch.float32) + lift)
+    step = Context(Scene(primitives=[Box((0.0, 0.1, 0.0), (2.0, 0.2, 2.0))], floor=0.0), DEFAULT_BODY)
+    without, kept = (Term(goal, {"margin": m}).evaluate(motion, step).residual for m in (0.0, 0.1))
+    torch.testing.assert_close(kept, without, atol=1e-4, rtol=0)
+
+
 def test_a_scene_that_does_not_know_its_ground_has_margins_everywhere() -> None:
     joints = standing(3, dtype=torch.float32) + torch.tensor([0, 0.3 + DEFAULT_BODY.sole_offset, 0])
 
@@ -269,4 +278,6 @@ def test_a_scene_that_does_not_know_its_ground_has_margins_everywhere() -> None:
     terms = [Term("sdf_penetration", {"margin": m}) for m in (0.0, 0.1)]
     without, kept = (term.report(Motion(joints), Context(Bare(), DEFAULT_BODY))[0].worst for term in terms)
     assert kept == pytest.approx(without + 0.1, abs=1e-5)
+    assert Context(Bare(), DEFAULT_BODY).ground_under(joints) is None
     assert Scene([], floor=0.3).ground == 0.3
+    assert Context(Scene([], floor=0.3), DEFAULT_BODY).ground_under(joints).eq(0.3).all()

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from objectives import Objective, Term
-from objectives.library.paths import path_distance, path_point
+from objectives.library.paths import path_distance, path_height, path_point
+from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from tests.objectives.cases import context, standing
 
@@ -96,3 +97,37 @@ def test_descending_brings_a_walker_into_the_corridor() -> None:
     optimizer.step(closure)
     report = objective.report(Motion((start.joints + moves).detach()), context())[0][0]
     assert before > 0.1 and report.worst < 0.01
+
+
+def rising() -> torch.Tensor:
+    """`BEND` with heights: level, up by a metre over the second part, level."""
+    return torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [1.5, 1.0, 1.0]], dtype=torch.float64)
+
+
+def test_the_height_of_a_path_is_that_at_its_nearest_point() -> None:
+    points = torch.tensor([[0.05, 0.2], [0.5, 1.1], [0.8, 0.95], [1.4, 1.3]], dtype=torch.float64)
+    assert path_height(points, rising(), None).tolist() == pytest.approx([0.0, 0.5, 0.8, 1.0], abs=0.03)
+
+
+def test_of_winding_stairs_the_turn_counts_that_is_passed_by_then() -> None:
+    angle = torch.linspace(0, 4 * math.pi, 81, dtype=torch.float64)
+    stairs = torch.stack([angle.sin(), 0.2 * angle, angle.cos()], dim=-1)
+    share = torch.linspace(0, 1, 81, dtype=torch.float64)
+    assert torch.allclose(path_height(stairs[:, ::2], stairs, share), stairs[:, 1], atol=0.15)
+    unclear = path_height(stairs[:, ::2], stairs, None)
+    assert float((unclear - stairs[:, 1]).abs().max()) > 1.0  # a mean of both turns
+
+
+def test_a_height_over_the_path_is_held() -> None:
+    route = path_point(rising()[:, ::2], torch.linspace(0, 1, 41, dtype=torch.float64))
+    flat = walker(route)
+    hip = float(flat.joint("pelvis")[0, 1])
+    path, times = rising().tolist(), {"begin": 0.0, "end": 2.0}
+    term = Term("follow_path", {"path": path, "height": hip, **times})
+    climbing = Motion(flat.joints + path_height(route, rising(), None)[:, None, None] * torch.tensor([0.0, 1.0, 0.0]))
+    assert float(term.cost(climbing, context())) < 1e-6
+    report = term.report(flat, context())[0]
+    assert report.where == "pelvis (height)" and report.worst == pytest.approx(0.9, abs=0.01)  # a metre, less 0.1
+    assert float(Term("follow_path", {"path": path, "height": hip}).cost(flat, context())) > 0.1  # without a schedule
+    with pytest.raises(UserError, match=r"needs a path of \[x, y, z\]"):
+        Term("follow_path", {"path": BEND, "height": hip}).cost(flat, context())

@@ -18,7 +18,7 @@ from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
-from scenectl.tasks.schema import Start, Walk
+from scenectl.tasks.schema import Spot, Start, Walk
 from scenectl.tasks.setup import STANDING
 from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
@@ -26,7 +26,7 @@ from scenes.errors import UserError
 from scenes.motion.bones import stretches
 from scenes.motion.motion import Motion
 from scenes.world.floor.planning import FreeArea, free_area
-from scenes.world.floor.polyline import path_length
+from scenes.world.floor.polyline import walked
 from scenes.world.scene import Scene, bundled, load_scene
 
 PROMPT = "a person walks forward"
@@ -158,14 +158,41 @@ def _places(room: Room, rng: np.random.Generator, radius: float) -> tuple[list[f
             room.rejected["no room to stand at the start"] += 1
             continue
         try:
-            length = path_length(room.area.path(start, target, radius))
+            length = walked(room.area.path(start, target, radius))
         except UserError:
             room.rejected["no clear path"] += 1
             continue
         if length <= LONGEST_PATH:
             return start, target
         room.rejected["path too long"] += 1
-    raise UserError(f"room '{room.name}' has no two free places a walk apart for a body of {radius:g} m radius")
+    raise UserError(_too_small(room, radius))
+
+
+def _too_small(room: Room, radius: float) -> str:
+    """That a room is too small to walk in, how far one gets in it, and what radius would do."""
+    longest, smaller = _farthest(room, radius), radius
+    while smaller > 0.05 and _farthest(room, smaller) < SHORTEST_PATH:
+        smaller = round(smaller - 0.01, 2)
+    hint = f"a radius of {smaller:.2f} m would do" if smaller > 0.05 else "it is too small for any"
+    return (
+        f"room '{room.name}' has no two free places a walk apart for a body of {radius:g} m radius: the longest way "
+        f"found is {longest:.2f} m as the crow flies, and a walk is {SHORTEST_PATH:g} to {LONGEST_PATH:g} m; {hint}"
+    )
+
+
+def _farthest(room: Room, radius: float) -> float:
+    """How far apart (m) two joined places are, found by going from any to the farthest and from there again."""
+    from scipy.ndimage import label
+
+    parts, count = label(room.area.clearance >= radius, structure=np.ones((3, 3)))
+    found = 0.0
+    for part in range(1, count + 1):
+        places = np.argwhere(parts == part) * room.area.cell
+        for _ in range(2):
+            away = np.linalg.norm(places - places[0], axis=1)
+            places = np.roll(places, -int(away.argmax()), axis=0)
+        found = max(found, float(np.linalg.norm(places - places[0], axis=1).max()))
+    return found
 
 
 def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
@@ -182,7 +209,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
     return {
         "start": [float(path[0, 0]), float(path[0, 2])],
         "target": list(task.walk.to),
-        "planned_path_m": path_length(path),
+        "planned_path_m": walked(path),
         "seconds_of_motion": setup.seconds,
         "missed_m": missed,
         "reached": missed <= REACHED,
@@ -195,16 +222,16 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "uncontrolled_worst_bone_m": float(stretches(free).abs().max()),
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
         **figures,
-        "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.standing)),
+        "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.ground(free) + DEFAULT_BODY.sole_offset)),
         "uncontrolled_max_acceleration_m_per_frame2": float(max_acceleration(free)),
         "uncontrolled_pace_m_per_s": float(metrics.travelled(free)) * free.fps / (free.frames - 1),
         "seconds": seconds,
     }
 
 
-def _missed(motion: Motion, target: tuple[float, float]) -> float:
+def _missed(motion: Motion, target: Spot) -> float:
     end = motion.joint("pelvis")[-1, [0, 2]]
-    return float((end - torch.tensor(target)).norm())
+    return float((end - torch.tensor([target[0], target[-1]])).norm())
 
 
 _JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2")

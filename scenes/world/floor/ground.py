@@ -1,14 +1,21 @@
-"""How high the floor lies: the lowest large level of some meshes."""
+"""How high the floors lie: large levels that one can stand on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from scenes.errors import UserError
-from scenes.mesh.mesh import Mesh
+from scenes.world.floor.levels import ROOM, Levels
+
+NEAR = 0.05
+"""What lies within this (m) of a floor's height is evidence for it."""
+
+LARGE = 1 / 3
+"""Share of the largest level's area from which a level is a floor: no table, no shelf."""
+
+_BIN = 0.02  # of the histogram over heights, metres
 
 
 @dataclass(frozen=True)
@@ -18,7 +25,7 @@ class Floor:
     Attributes:
         height: y of the floor, metres.
         found: True where it was found in the meshes, False where the user stated it.
-        area: up-facing area (m²) within 5 cm of it, the evidence; 0 where it was stated.
+        area: m² within 5 cm of it over which a person can stand, the evidence; 0 where it was stated.
     """
 
     height: float
@@ -26,41 +33,45 @@ class Floor:
     area: float = 0.0
 
 
-def find_floor(meshes: Sequence[Mesh]) -> Floor:
-    """The lowest large horizontal level of some meshes.
+def find_floors(levels: Levels, name: str) -> tuple[Floor, ...]:
+    """The large levels of a scene from low to high; the lowest is its floor.
 
-    A histogram over height of the area of all triangles that face up within 30 degrees (in a scan that faces inward
-    the floor does as well); of its peaks the lowest counts that has at least a third of the largest one's area, so
-    that neither a table nor a roof is taken for the floor; refined to the area-weighted median around it.
+    A histogram over height of the places that have standing room in free space above them; of its peaks those count
+    that have at least a third of the largest one's area, so that no table is taken for a floor, and the lowest is the
+    floor, so that no roof is; each refined to the median around it.
+
+    Args:
+        levels: of the scene.
+        name: of the scene, for the error.
 
     Raises:
-        UserError: nothing faces up.
+        UserError: nowhere is there room to stand.
     """
-    heights, areas = _facing_up(meshes)
-    if areas.sum() <= 0:
-        names = ", ".join(f"'{mesh.name}'" for mesh in meshes) or "an empty scene"
-        raise UserError(f"found no floor in {names} because nothing faces up; state its height with floor = …")
-    width = 0.02
-    bins = np.floor((heights - heights.min()) / width).astype(int)
-    histogram = np.bincount(bins, weights=areas, minlength=int(bins.max()) + 1)
-    level = np.convolve(np.pad(histogram, 2), np.ones(5), mode="valid")  # area within 5 cm of each bin
-    first = int(np.argmax(level >= level.max() / 3))
-    peak = first + int(np.argmax(level[first : first + 6]))  # the slope of a noisy floor starts lower
-    near = np.abs(heights - (heights.min() + (peak + 0.5) * width)) <= 0.05
-    order = np.argsort(heights[near], kind="stable")
-    total = np.cumsum(areas[near][order])
-    middle = heights[near][order][np.searchsorted(total, total[-1] / 2)]
-    return Floor(height=float(middle), found=True, area=float(total[-1]))
+    heights = levels.walkable[levels.headroom >= ROOM]
+    heights = np.sort(heights[~np.isnan(heights)])
+    if not len(heights):
+        raise UserError(f"found no floor in '{name}' because {_why(levels)}; state its height with floor = …")
+    bins = np.floor((heights - heights[0]) / _BIN).astype(int)
+    histogram = np.bincount(bins)
+    level = np.convolve(np.pad(histogram, 2), np.ones(5), mode="valid")  # places within 5 cm of each bin
+    found, at = [], 0
+    while (large := at + np.flatnonzero(level[at:] >= level.max() * LARGE)).size:
+        first = int(large[0])
+        peak = first + int(np.argmax(level[first : first + 6]))  # the slope of a noisy floor starts lower
+        near = heights[np.abs(heights - (heights[0] + (peak + 0.5) * _BIN)) <= NEAR]
+        middle = float(near[(len(near) - 1) // 2])
+        found.append(Floor(height=middle, found=True, area=len(near) * levels.cell**2))
+        at = peak + 6
+    return tuple(found)
 
 
-def _facing_up(meshes: Sequence[Mesh]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean height (m) and area (m²) of every triangle whose normal is within 30 degrees of up."""
-    heights, areas = [np.zeros(0)], [np.zeros(0)]
-    for mesh in meshes:
-        a, b, c = (mesh.triangles[:, k] for k in range(3))
-        normal = np.cross(b - a, c - a) / 2
-        area = np.linalg.norm(normal, axis=1)
-        up = normal[:, 1] > np.cos(np.radians(30.0)) * area
-        heights.append(mesh.triangles[up, :, 1].mean(axis=1))
-        areas.append(area[up])
-    return np.concatenate(heights), np.concatenate(areas)
+def _why(levels: Levels) -> str:
+    """What is wrong with the best place to stand."""
+    room = np.where(np.isnan(levels.walkable), 0.0, levels.headroom)
+    if not (room > 0).any():
+        return "nothing level has free space above it"
+    best = np.unravel_index(int(np.nanargmax(room)), room.shape)
+    return (
+        f"the best place, at a height of {levels.heights[best]:.2f} m, has {room[best]:.2f} m of free space above it, "
+        f"and standing takes {ROOM:g} m"
+    )

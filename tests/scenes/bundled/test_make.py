@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from scenes.mesh.mesh import load_mesh
-from scenes.world.floor.ground import find_floor
 from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import path_length
 from scenes.world.scene import BUNDLED, Scene, bundled, bundled_names
@@ -76,7 +75,7 @@ def test_the_floor_is_where_the_notes_say(name: str, scenes: dict[str, Scene]) -
     stated = facts(name)
     assert stated["unit"] == "m" and stated["up"] == "y" and stated["notes"]
     assert scenes[name].floor.height == stated["floor"]
-    assert find_floor(scenes[name].meshes).height == pytest.approx(scenes[name].floor.height, abs=1e-6)
+    assert scenes[name].floors[0].height == pytest.approx(scenes[name].floor.height, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -135,10 +135,12 @@ def test_describing_a_scene_bakes_nothing(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(module, "bake", refuse)
     scene = Scene([walls()], [BALL])
-    assert scene.bounds.shape == (2, 3) and scene.floor.height < 0.1 and len(scene.digest) == 64
+    assert scene.bounds.shape == (2, 3) and len(scene.digest) == 64 and Scene([walls()], floor=0.1).floor.height == 0.1
     assert np.isfinite(scene.distance_exact(np.zeros((1, 3)), 0.0)).all()  # the oracle needs no grid either
     with pytest.raises(AssertionError, match="baked"):
         scene.report()
+    with pytest.raises(AssertionError, match="baked"):
+        _ = scene.floor  # where it is not stated: it has free space above it
 
 
 def test_the_digest_knows_everything_distances_depend_on() -> None:

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from functools import cached_property
+
 import numpy as np
 import pytest
 
-from scenectl.bench.control.rooms import _room, _tasks
+from scenectl.bench.control.rooms import Room, _room, _tasks
 from scenectl.control import SolverSettings
+from scenectl.measures.metrics import Scorer
+from scenes.errors import UserError
+from scenes.mesh.primitives import Box
+from scenes.world.floor.planning import free_area
+from scenes.world.scene import Scene
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -16,3 +24,25 @@ def test_walks_begin_where_a_person_stands_upright(seed: int) -> None:
     assert len(tasks) == 34 and room.rejected["no room to stand at the start"] > 0
     for task in tasks:
         assert np.isfinite(task.build(seed, scene=room.scene).seconds)
+
+
+class Closet(Scene):
+    """2 x 1.4 m between walls: with a radius of 0.5 m one gets 1 m along its middle."""
+
+    def __init__(self) -> None:
+        walls = [Box((s * 1.05, 1.0, 0.0), (0.1, 2.0, 1.6)) for s in (-1, 1)]
+        walls += [Box((0.0, 1.0, s * 0.75), (2.2, 2.0, 0.1)) for s in (-1, 1)]
+        super().__init__(primitives=walls, floor=0.0, name="closet")
+
+    @cached_property
+    def bounds(self) -> np.ndarray:  # type: ignore[override]
+        return np.array([[-1.1, 0.0, -0.8], [1.1, 2.0, 0.8]])
+
+
+def test_a_room_too_small_to_walk_in_says_how_far_one_gets_and_what_radius_would_do() -> None:
+    scene = Closet()
+    area = free_area(scene, 0.6)
+    room = Room("closet", scene, area, area, Scorer(scene), 1.8, "x", Counter())
+    with pytest.raises(UserError, match=r"the longest way found is 0.[78]\d m as .* a radius of 0.5[0-3] m would do"):
+        list(_tasks(room, 1, 0, 0.6, SolverSettings()))
+    assert list(_tasks(room, 1, 0, 0.45, SolverSettings()))
