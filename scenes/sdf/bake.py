@@ -31,7 +31,7 @@ from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
 from scenes.sdf.thin import thin_doubts
 
-FORMAT = 7
+FORMAT = 8
 """Version of the bake and of its file; raised whenever either changes, so that old caches are not read."""
 
 
