@@ -41,18 +41,19 @@ def united(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> tuple[list[np.
     return kept, unions
 
 
-def carved(vertices: np.ndarray, shell: np.ndarray, solids: Sequence[Manifold]) -> Triangles | None:
-    """The air that a shell encloses, less solids that touch or cross it; None where none does, or none can be known.
+def carved(vertices: np.ndarray, rooms: Sequence[np.ndarray], solids: Sequence[Manifold]) -> list[Triangles]:
+    """The air of rooms less solids, where any of these touches or crosses a wall; nothing where none does.
 
-    `shell` is closed and faces outward, and so does what is returned.
+    Rooms are closed triangles that face outward, and so is what is returned. A room that manifold3d refuses stays.
     """
-    room = manifold(vertices, shell)
-    if room is None or not solids:
-        return None
-    air = reduce(lambda a, b: a - b, solids, room)
-    if air.is_empty() or _same(air.surface_area(), room.surface_area() + sum(s.surface_area() for s in solids)):
-        return None
-    return triangles(air)
+    known = [room for own in rooms if (room := manifold(vertices, own)) is not None]
+    if len(known) < len(rooms) or not solids:
+        return []
+    airs = [reduce(lambda a, b: a - b, solids, room) for room in known]
+    parts = sum(part.surface_area() for part in (*known, *solids))
+    if _same(sum(air.surface_area() for air in airs), parts):
+        return []
+    return [triangles(air) for air in airs if not air.is_empty()]
 
 
 def manifold(vertices: np.ndarray, faces: np.ndarray) -> Manifold | None:

@@ -117,13 +117,13 @@ def _merged(
             hollows.setdefault(holder, []).append(faces[i])
     solids = [np.concatenate([faces[i], *hollows.get(i, [])]) for i in faces if roles.matter[i]]
     kept, unions = united(vertices, solids)
-    known = [solid for own in kept if (solid := manifold(vertices, own)) is not None] if rooms else []
-    known += [solid for own in unions if (solid := manifold(*own)) is not None] if rooms else []
-    airs = [carved(vertices, faces[i][:, ::-1], known) for i in rooms]
-    if not unions and all(air is None for air in airs):
-        return None
-    kept += [faces[i] for i, air in zip(rooms, airs, strict=True) if air is None]
-    return kept, unions + [(points, own[:, ::-1]) for points, own in (air for air in airs if air is not None)]
+    shells = [faces[i] for i in rooms]
+    known = {n: solid for n, own in enumerate(kept) if rooms and (solid := manifold(vertices, own)) is not None}
+    merged = [solid for own in unions if rooms and (solid := manifold(*own)) is not None]
+    airs = carved(vertices, [own[:, ::-1] for own in shells], [*known.values(), *merged])
+    if airs:  # they end where solids begin; matter in matter bounds nothing
+        return [own for n, own in enumerate(kept) if n not in known], [(points, own[:, ::-1]) for points, own in airs]
+    return (kept + shells, unions) if unions else None
 
 
 def _put_together(whole: Surface, kept: list[np.ndarray], new: list[Triangles]) -> Surface | None:

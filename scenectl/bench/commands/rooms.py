@@ -17,6 +17,9 @@ def rooms(
     ] = None,
     tasks: Annotated[int, typer.Option(min=1, help="Walks in each room.")] = 50,
     samples: Annotated[int, typer.Option(min=1, help="Motions for each task; the best is scored.")] = 4,
+    facing: Annotated[
+        list[str] | None, typer.Option(help="as-is, reversed, wall or no-ceiling: how meshes are wound; repeatable.")
+    ] = None,
     seed: Seed = 0,
     weights: Weights = "default",
     generator: Generators = None,
@@ -28,7 +31,9 @@ def rooms(
     from scenectl.bench.control.rooms import bench_rooms
 
     result = measured(
-        lambda maker, engine: bench_rooms(maker, mesh or (), tasks, seed, samples, engine=engine),
+        lambda maker, engine: bench_rooms(
+            maker, mesh or (), tasks, seed, samples, facings=facing or (), engine=engine
+        ),
         weights, threads, generator, json_file, shard,
     )  # fmt: skip
     columns = (

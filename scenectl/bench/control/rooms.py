@@ -6,6 +6,7 @@ import statistics
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import torch
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.bench.scenes.meshes import FACINGS, faced
 from scenectl.control import SolverSettings
 from scenectl.generators.base import Generator
 from scenectl.measures import metrics
@@ -81,6 +83,7 @@ def bench_rooms(
     samples: int = 4,
     radius: float = 0.35,
     solver: SolverSettings | None = None,
+    facings: Sequence[str] = (),
     engine: Engine = ENGINE,
 ) -> Result:
     """Walk through each mesh `tasks` times.
@@ -94,6 +97,7 @@ def bench_rooms(
             soon as one of them meets all goals.
         radius: clearance (m) of starts, targets and paths.
         solver: instead of the default.
+        facings: of `meshes.FACINGS`, in each of which every mesh file is walked through; as it is by default.
         engine: tells progress, keeps rows and goes on from them.
 
     Returns:
@@ -106,8 +110,8 @@ def bench_rooms(
     rooms: list[Room] = []
 
     def cases() -> Iterator[tuple[str, tuple[Room, int, Task]]]:
-        for mesh in meshes or FALLBACK:
-            room = _room(mesh, radius)
+        for mesh, facing in product(meshes or FALLBACK, facings or FACINGS[:1]):
+            room = _room(mesh, radius, facing)
             rooms.append(room)
             for i, task in enumerate(_tasks(room, tasks, seed, radius, solver)):
                 yield room.name, (room, i, task)
@@ -118,16 +122,20 @@ def bench_rooms(
 
     def summary(rows: Sequence[Row]) -> dict[str, Any]:
         rejected = {room.name: dict(room.rejected) for room in rooms}
-        return {**_summary(rows), "rejected": rejected, "body": DEFAULT_BODY.source}
+        areas = {room.name: room.area.square_metres for room in rooms}
+        return {**_summary(rows), "free_area_m2": areas, "rejected": rejected, "body": DEFAULT_BODY.source}
 
     settings = {"bench": "rooms", "meshes": meshes, "tasks": tasks, "seed": seed, "samples": samples, "radius": radius}
-    total = tasks * len(meshes or FALLBACK)
-    return engine.run(cases(), walked, summary, {**settings, "solver": solver}, total)
+    total = tasks * len(meshes or FALLBACK) * len(facings or FACINGS[:1])
+    return engine.run(cases(), walked, summary, {**settings, "solver": solver, "facings": facings}, total)
 
 
-def _room(mesh: str | Path, radius: float) -> Room:
-    """A mesh's room, or a bundled scene of `FALLBACK`."""
+def _room(mesh: str | Path, radius: float, facing: str) -> Room:
+    """A mesh's room in one of `FACINGS`, or a bundled scene of `FALLBACK`."""
     scene = bundled(mesh) if mesh in FALLBACK else load_scene(mesh)
+    if facing != FACINGS[0]:
+        turned = faced(scene.meshes[0], facing)
+        scene = Scene([turned], floor=scene.stated_floor, name=turned.name)
     height, prompt = LOW.get(scene.name, (UPRIGHT, PROMPT))
     area, upright = free_area(scene, radius, height), free_area(scene, radius, UPRIGHT)
     return Room(scene.name, scene, area, upright, Scorer(scene), height, prompt, Counter())

@@ -37,7 +37,9 @@ there is goes."""
 
 
 def faced(mesh: Mesh, facing: str) -> Mesh:
-    """A room as one of `FACINGS`."""
+    """A room as one of `FACINGS`; raises UserError for any other word."""
+    if facing not in FACINGS:
+        raise UserError(f"unknown facing '{facing}'{did_you_mean(facing, FACINGS)}")
     low, high = mesh.bounds
     a, b, c = np.moveaxis(mesh.triangles, 1, 0)
     normal, middle, faces = np.cross(b - a, c - a), (a + b + c) / 3, mesh.faces

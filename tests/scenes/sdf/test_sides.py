@@ -206,7 +206,74 @@ def test_a_moving_thing_turned_inside_out_is_solid() -> None:
     assert things[0].distance_exact(np.array([CRATE.center]))[0] == pytest.approx(-0.4)
 
 
+def test_what_stands_on_the_floor_or_sticks_in_a_wall_has_no_surface_there() -> None:
+    standing, stuck = Box((2.0, 0.4, 2.0), (1.0, 0.8, 1.0)), Box((0.0, 1.0, 1.0), (1.0, 0.8, 0.8))
+    for facing in (Mesh, inverted):
+        parts = [box.mesh() if facing is Mesh else inverted(box.mesh()) for box in (standing, stuck)]
+        scene = scene_of(inverted(ROOM.mesh()), *parts)
+        where = np.array([[2.0, 0.05, 2.0], [0.1, 1.0, 1.0], [0.45, 1.0, 1.0], [1.2, 0.3, 2.0]])
+        assert scene.distance_exact(where).tolist() == pytest.approx([-0.5, -0.4, -0.05, 0.3])
+        assert_free(scene, free_in(POINTS, standing, stuck))
+
+
+def test_a_shell_turned_inside_out_keeps_its_hollow() -> None:
+    hollow = together(Box((0, 0, 0), (2, 2, 2)).mesh(), inverted(Box((0, 0, 0), (1.6, 1.6, 1.6)).mesh()))
+    where = np.array([[0.0, 0, 0], [0.9, 0, 0], [1.2, 0, 0]])
+    for mesh in (hollow, inverted(hollow)):
+        scene = Scene([mesh], cache=None, resolution=32, free_space="outside")
+        assert np.sign(scene.distance_exact(where)).tolist() == [1, -1, 1]
+
+
+@pytest.mark.parametrize("degrees", [8, 11, 15, 35])
+def test_a_tilted_block_is_no_room(degrees: float) -> None:
+    import trimesh
+
+    turn = trimesh.transformations.rotation_matrix(np.radians(degrees), (0, 0, 1))[:3, :3]
+    block = Box((0, 0, 0), (5, 5, 5)).mesh()
+    assert bake(Mesh(block.vertices @ turn.T, block.faces, "block"), 24, cache=None).rule == "outside"
+
+
+def test_closed_and_open_rooms_in_one_mesh_are_free_both() -> None:
+    open_room = without(inverted(fine(ROOM)), 1, 2.6)
+    beside = Box((9.0, 1.3, 2.0), (5.0, 2.6, 4.0))
+    scene = scene_of(open_room, inverted(fine(beside)))
+    where = np.array([[2.5, 1.0, 2.0], [9.0, 1.0, 2.0], [2.5, -0.08, 2.0], [9.0, -0.08, 2.0]])
+    assert np.sign(scene.distance(torch.from_numpy(where)).numpy()).tolist() == [1, 1, -1, -1]
+    assert np.sign(scene.distance_exact(where)).tolist() == [1, 1, -1, -1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_scorer_takes_sides_as_the_grid_does_in_soups(seed: int) -> None:
+    # Where triangles lie anyhow, winding numbers and rays contradict each other at one point in ten.
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (150, 1, 3)) + rng.uniform(-0.4, 0.4, (150, 3, 3))
+    torn = fine(Box((0, 0, 0), (1.2, 1.2, 1.2)), 0.3)
+    torn = Mesh(torn.vertices, torn.faces[rng.random(len(torn.faces)) > 0.3])
+    soup = together(Mesh(corners.reshape(-1, 3), np.arange(450).reshape(-1, 3)), torn)
+    scene = Scene([soup], cache=None, resolution=64)
+    points = rng.uniform(-1.2, 1.2, (2000, 3))
+    grid, exact = scene.distance(torch.from_numpy(points)).numpy(), scene.distance_exact(points)
+    far, near = np.abs(exact) > 2 * scene.bakes[0].grid.spacing, np.abs(exact) > 0.5 * scene.bakes[0].grid.spacing
+    assert (np.sign(grid) == np.sign(exact))[far].all() and (np.sign(grid) == np.sign(exact))[near].mean() > 0.97
+
+
 # -------------------------------------------------------------------------------------------------------------- seeds
+
+
+def test_a_seed_in_a_room_within_a_solid_frees_that_room_only() -> None:
+    outer, room = Box((0, 0, 0), (6, 6, 6)), Box((1, 0, 0), (3, 3, 3))
+    scene = Scene([together(outer.mesh(), room.mesh())], cache=None, resolution=48, free_space=(1.0, 0.2, 0.1))
+    where = np.array([[1.0, 0, 0], [-1.5, 0, 0], [3.05, 0, 0]])
+    assert np.sign(scene.distance_exact(where)).tolist() == [1, -1, -1]
+    assert np.sign(scene.distance(torch.from_numpy(where)).numpy()).tolist() == [1, -1, -1]
+
+
+def test_a_seed_is_free_against_the_rays_too() -> None:
+    # A tube that is open at both ends: two of three rays say that its inside is solid.
+    tube = without(without(fine(Box((0, 0, 0), (1, 1, 1)), 0.2), 1, 0.5), 1, -0.5)
+    scene = Scene([tube], cache=None, resolution=48, free_space=(0.1, 0.05, -0.1))
+    assert float(scene.distance(torch.tensor([0.1, 0.05, -0.1]))) > 0
+    assert scene.distance_exact(np.array([[0.1, 0.05, -0.1]]))[0] > 0
 
 
 @given(st.integers(0, 2**32 - 1))
