@@ -269,13 +269,13 @@ class _Found:
             in_open_room = about < (IN_CUT_AWAY if self.open_room else IN)[1]
             beyond = (round(about) - 0.5, round(about) + 0.5)
             sheets = self._within_sheets if in_open_room else beyond if about > 0.5 else self._loose
-        holding = self.pieces.around(seed - self.surface.centre)
-        roles = Roles.of(self.pieces, lambda piece: in_open_room and not self._in_air(piece))
-        closed = bool(holding) and bool(roles.matter[holding[0]])
-        if closed:  # it lies in what would be a solid: that is the room
-            roles = Roles.of(self.pieces, lambda piece: not self._in_air(piece, holding[:1]), holding[0])
-        rule = Rule("seed", IN if closed else OUT, sheets, message, closed or in_open_room)
-        return replace(self._sides(rule, roles), seed=seed)
+        rule = Rule("seed", OUT, sheets, message, in_open_room)
+        sides = self._sides(rule, Roles.of(self.pieces, lambda piece: in_open_room and not self._in_air(piece)))
+        if not sides.out_of_solids(seed[None])[0]:  # it lies in what would be a solid: that is the room
+            holding = self.pieces.around(seed - self.surface.centre)
+            roles = Roles.of(self.pieces, lambda piece: not self._in_air(piece, holding[:1]), holding)
+            sides = self._sides(replace(rule, solids=IN, inward=True), roles)
+        return replace(sides, seed=seed)
 
     @property
     def _loose(self) -> Range:

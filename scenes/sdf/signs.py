@@ -142,8 +142,6 @@ def _from_regions(distance: np.ndarray, soup: Soup, sides: Sides, votes: np.ndar
     solid = for_solid > for_free
     silent = np.flatnonzero(total == 0)
     solid[silent] = ~sides.before_sheets(_winding(soup, sides, deepest[silent]))
-    if sides.seed is not None:
-        solid[region[_node(soup, sides.seed, d)]] = False
     divided = np.minimum(for_free, for_solid) > DIVIDED * np.maximum(total, 1)
     divided &= np.minimum(for_free, for_solid) >= 24
     purity = np.where(total > 0, np.maximum(for_free, for_solid) / np.maximum(total, 1), 0.6)
@@ -151,18 +149,29 @@ def _from_regions(distance: np.ndarray, soup: Soup, sides: Sides, votes: np.ndar
     free = ~solid[region]
     if divided.any():
         _cut(free, d, edges, shape, divided[region], soup, sides)
+    free[_around_seed(soup, sides, d)] = True
     confidence = np.empty(d.size, dtype=np.uint8)
     grow.weighed(region, purity, v, free, confidence)
     np.copyto(v, np.where(free, np.uint8(3), np.uint8(48)))
     return confidence.reshape(shape)
 
 
-def _node(soup: Soup, point: np.ndarray, distance: np.ndarray) -> int:
-    """The node beside a point that is farthest from any surface; flat."""
-    low = np.floor((point - soup.lattice.origin) / soup.lattice.spacing).astype(int)
-    around = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3) + low
-    flat = np.ravel_multi_index(tuple(around.T), soup.lattice.shape, mode="clip")
-    return int(flat[distance[flat].argmax()])
+def _around_seed(soup: Soup, sides: Sides, distance: np.ndarray) -> np.ndarray:
+    """The nodes between which and the seed no surface can lie, and at least the widest beside it; flat, empty without.
+
+    A node is as near to the seed as the nearest surface is to the node.
+    """
+    if sides.seed is None:
+        return np.zeros(0, dtype=np.int64)
+    place = (sides.seed - soup.lattice.origin) / soup.lattice.spacing
+    reach = float(sides.surface.unsigned_distance(sides.seed[None])[0]) / soup.lattice.spacing
+    low, high = np.floor(place - reach).astype(int), np.ceil(place + reach).astype(int) + 1
+    rows = [np.arange(max(a, 0), min(b + 1, n)) for a, b, n in zip(low, high, soup.lattice.shape, strict=True)]
+    near = np.stack(np.meshgrid(*rows, indexing="ij"), axis=-1).reshape(-1, 3)
+    away = np.linalg.norm(near - place, axis=1)
+    flat = np.ravel_multi_index(tuple(near.T), soup.lattice.shape)
+    beside = away < 2
+    return np.append(flat[away < reach], flat[beside][distance[flat[beside]].argmax()])
 
 
 def _winding(soup: Soup, sides: Sides, nodes: np.ndarray, reach: float = 2.5) -> np.ndarray:
@@ -190,8 +199,7 @@ def _cut(
     w = _winding(soup, sides, coarse, reach=1.2)  # within 0.1, far less than what makes a mark clear
     label.reshape(-1)[coarse] = np.where(sides.margin(w) > _CLEAR, np.where(sides.before_sheets(w), 1, 2), 0)
     label = label.reshape(-1)
-    if sides.seed is not None:
-        label[_node(soup, sides.seed, distance)] = 1
+    label[_around_seed(soup, sides, distance)] = 1
     if sides.cut_away:
         grow.nearest(crossed, shape, torn, label)
         free[torn & (label > 0)] = label[torn & (label > 0)] == 1
@@ -206,6 +214,7 @@ def _cut(
         air, wall = np.zeros(len(parent), np.int32), np.zeros(len(parent), np.int32)
         grow.borders(distance, crossed, shape, parent, sort, air, wall)
         hanging = (air > wall) & (np.arange(len(parent)) != sizes.argmax())
+        hanging[parent[_around_seed(soup, sides, distance)]] = False
         if not hanging.any():
             break
         turned = torn & hanging[root]

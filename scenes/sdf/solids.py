@@ -7,7 +7,7 @@ surface.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,13 +35,13 @@ class Roles:
     void: np.ndarray
 
     @classmethod
-    def of(cls, pieces: Pieces, in_matter: Callable[[int], bool], room: int | None = None) -> Roles:
+    def of(cls, pieces: Pieces, in_matter: Callable[[int], bool], around: Sequence[int] = ()) -> Roles:
         """The roles of closed pieces.
 
         Args:
             pieces: of a surface.
             in_matter: whether an outermost piece is surrounded by matter, and not by air.
-            room: a piece that has air inside for certain.
+            around: pieces that hold what is air for certain, the smallest first: that one is a room, the others void.
         """
         matter, turned, inside_out, void = np.zeros((4, len(pieces.closed)), dtype=bool)
         for i, holders in pieces.holders.items():  # those that hold others come first
@@ -50,11 +50,10 @@ class Roles:
                 turned[holders[0]]
             )  # what lies in a piece that is turned is turned with it
             inward = bool(pieces.volume[i] < 0) != against
-            matter[i] = i != room and (not outside or not inward)
+            matter[i] = i not in around[:1] and (not outside or not inward)
             turned[i] = (pieces.volume[i] < 0) == matter[i]
             inside_out[i] = not outside and inward and pieces.volume[i] < 0
-        if room is not None:
-            void[pieces.holders[room]] = True
+        void[list(around[1:])] = True
         return cls(matter, turned, inside_out, void)
 
 
