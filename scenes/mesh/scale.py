@@ -103,12 +103,13 @@ def _axis(metres: np.ndarray, triangles: np.ndarray) -> dict[str, str]:
     level = (along * (along > _LEVEL * np.linalg.norm(areas, axis=1, keepdims=True))).sum(axis=0)
     extents = np.ptp(triangles.reshape(-1, 3), axis=0)
     across = np.array([extents[1] * extents[2], extents[2] * extents[0], extents[0] * extents[1]])
-    # seen along an axis, a floor without a ceiling covers the scene once, and what is closed as often as not at all
+    # seen along an axis, a floor without a ceiling covers the scene once, what is closed as often as not at all, and
+    # a room of which one wall faces the other way twice
     net = np.abs(areas.sum(axis=0)) / np.maximum(across, 1e-12)
     if metres.min() < _NARROWEST:  # a thing, or a wall on its own
         return {}
     for axis, word in ((2, "z"), (0, "x")):
         storey = _STOREY[0] <= metres[axis] <= _STOREY[1] and not _STOREY[0] <= metres[1] <= _STOREY[1]
-        if (storey and level[axis] > level[1]) or (net[axis] > 0.8 and net[1] < 0.2):
+        if (storey and level[axis] > level[1]) or (0.8 < net[axis] < 1.2 and net[1] < 0.2):
             return {"up": word}
     return {}

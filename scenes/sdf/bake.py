@@ -126,7 +126,7 @@ def _baked(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float
     grid = SdfGrid(torch.from_numpy(distance), origin, lattice.spacing, sides.beyond, margin)
     walls_lost = () if thickness >= lattice.spacing else thin_doubts(sides, grid.near, lattice.spacing, mesh.name)
     rule = sides.rule
-    doubts = (*rule.doubts, *doubts_about(distance, signs, sides, lattice, mesh.name), *walls_lost)
+    doubts = doubts_about(distance, signs, sides, lattice, mesh.name, walls_lost)
     return Bake(grid, rule.name, signs, rule.inward, rule.message, doubts)
 
 

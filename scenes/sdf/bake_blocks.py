@@ -105,8 +105,8 @@ def _baked(
     coarse = unsigned(soup, threads)
     signs = sign(coarse, soup, sides, lattice.spacing, threads)
     grid = _Builder(sides, soup, lattice, coarse, tolerance, slope, threads).built()
-    doubts = rule.doubts + doubts_about(coarse, signs, sides, lattice, mesh.name)
-    doubts += thin_doubts(sides, grid.near, grid.spacing, mesh.name)
+    walls_lost = thin_doubts(sides, grid.near, grid.spacing, mesh.name)
+    doubts = doubts_about(coarse, signs, sides, lattice, mesh.name, walls_lost)
     return Bake(grid, rule.name, signs, rule.inward, rule.message, doubts)
 
 

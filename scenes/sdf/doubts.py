@@ -14,27 +14,48 @@ MUCH = 0.01
 """Share of voxels, or of a surface, from which on contrary evidence is worth a sentence; the scans have none."""
 
 
-def doubts_about(distance: np.ndarray, signs: Signs, sides: Sides, lattice: Lattice, name: str) -> tuple[str, ...]:
-    """Sentences about signed distances (m) at the nodes of a lattice; raises UserError where nothing is free."""
+def doubts_about(
+    distance: np.ndarray, signs: Signs, sides: Sides, lattice: Lattice, name: str, walls_lost: tuple[str, ...] = ()
+) -> tuple[str, ...]:
+    """All that speaks against signed distances (m) at the nodes of a lattice, one sentence each.
+
+    Args:
+        distance: signed, metres, at the nodes.
+        signs: how sure these are.
+        sides: by which rule they were found, and its own doubts.
+        lattice: of the nodes.
+        name: of the mesh.
+        walls_lost: what is said of walls that are too thin for the lattice.
+
+    Raises:
+        UserError: nothing is free.
+    """
     if distance.max() <= 0 > distance.min():
         raise UserError(
             f"mesh '{name}' leaves no free space: all within its bounds is solid; state free_space as a point [x, y, z]"
             ' in the air, or "outside"'
         )
     if sides.sheets is None:
-        return ()
-    found = []
-    if distance.min() >= 0:
-        found.append(
+        return (*sides.rule.doubts, *walls_lost)
+    if distance.min() >= 0 and sides.solids is None:  # then it does not matter which way they face
+        return (
             f"mesh '{name}' encloses nothing, so that all of its space is free, behind its walls too; state thickness"
-            " to make them solid, or free_space as a point [x, y, z] in a room's air"
+            " to make them solid, or free_space as a point [x, y, z] in a room's air",
         )
+    return (*sides.rule.doubts, *_contrary(distance, signs, sides, sides.sheets, lattice, name), *walls_lost)
+
+
+def _contrary(
+    distance: np.ndarray, signs: Signs, sides: Sides, sheets: Surface, lattice: Lattice, name: str
+) -> tuple[str, ...]:
+    """Sentences about space that leaks, and about open pieces that face away from free space."""
+    found = []
     if signs.uncertain is not None and (share := float(signs.uncertain.mean())) >= MUCH:
         found.append(
             f"in mesh '{name}' what is free is uncertain for {100 * share:.2g} % of the voxels, as space leaks through"
             " its holes; look at a slice, and state free_space as a point [x, y, z] in the air where it is wrong"
         )
-    if (share := _facing_away(distance, sides, sides.sheets, lattice)) >= MUCH:
+    if (share := _facing_away(distance, sides, sheets, lattice)) >= MUCH:
         found.append(
             f"{100 * share:.2g} % of the open surface of mesh '{name}' faces away from free space, against the rest; if"
             " that space is wrong, make its normals consistent"

@@ -37,6 +37,9 @@ def signed_distance(sides: Sides, points: np.ndarray, baked: Callable[[], Baked]
     if sides.sheets is not None:
         open_to = np.flatnonzero(free)
         free[open_to] = _before_sheets(sides, sides.sheets, points[open_to], unsigned[open_to], baked())
+    if sides.seed is not None:  # no surface lies nearer to it than the nearest
+        away = np.linalg.norm(points - sides.seed, axis=1)
+        free |= away < sides.surface.unsigned_distance(sides.seed[None])[0]
     return np.where(free, unsigned, -unsigned)
 
 

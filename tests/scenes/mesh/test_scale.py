@@ -74,6 +74,14 @@ def test_halls_yards_towers_and_things_are_not(size: tuple[float, float, float])
     assert not doubts("it", room(*size), None, None)
 
 
+@pytest.mark.parametrize("side", range(6))
+def test_a_wall_that_faces_the_other_way_says_nothing_of_axes(side: int) -> None:
+    box = trimesh.creation.box(extents=(5, 2.6, 4))
+    turned = np.abs(box.face_normals @ np.repeat(np.eye(3), 2, axis=0)[side] - (-1) ** side) < 1e-6
+    assert turned.sum() == 2
+    assert not doubts("it", np.where(turned[:, None, None], box.triangles, box.triangles[:, ::-1]), None, None)
+
+
 def test_a_wall_on_its_own_stands_as_it_was_read() -> None:
     for thickness in (0.0, 0.2):
         wall = trimesh.creation.box(extents=[6, 3, thickness]).triangles

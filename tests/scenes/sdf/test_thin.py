@@ -79,8 +79,8 @@ def test_a_crossing_is_found_or_announced(voxels: float, turn: np.ndarray, shift
 @settings(max_examples=10, deadline=None)
 def test_a_sheet_is_announced_and_with_the_thickness_that_would_do_found(turn: np.ndarray, shift: np.ndarray) -> None:
     result = baked(sheet(turn, shift))
-    (doubt,) = (doubt for doubt in result.doubts if "without thickness" in doubt)
-    assert "may cross it unseen" in doubt and "state thickness = 0.05" in doubt
+    (doubt,) = result.doubts
+    assert "encloses nothing" in doubt and "state thickness" in doubt
     assert (crossed(result, turn, shift, radius=0.51 * VOXEL) < 0).all()
     again = baked(sheet(turn, shift), thickness=0.051)
     assert not again.doubts and (crossed(again, turn, shift, radius=0.0) < 0).all()
