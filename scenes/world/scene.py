@@ -211,8 +211,14 @@ class Scene:
         return tuple(found)
 
     def _free_space_of(self, mesh: Mesh) -> FreeSpace:
-        """The scene's rule as it applies to one mesh: a seed elsewhere says nothing about a small object."""
+        """The scene's rule as it applies to one mesh.
+
+        A seed elsewhere says nothing about a small object, and what lies in another mesh is no room around which all
+        else is solid, whichever way it faces.
+        """
         stated = self.baking.free_space
+        if stated == "auto" and any(_within(mesh.bounds, other.bounds) for other in self.meshes if other is not mesh):
+            return "outside"
         if isinstance(stated, str) or self._holds_seed(mesh) or not any(map(self._holds_seed, self.meshes)):
             return stated  # no mesh holds it: bake says so
         return "outside"
@@ -352,6 +358,10 @@ class Scene:
     def __repr__(self) -> str:
         counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"
         return f"Scene('{self.name}', {counts})"
+
+
+def _within(inner: np.ndarray, outer: np.ndarray) -> bool:
+    return bool((inner[0] > outer[0]).all() and (inner[1] < outer[1]).all())
 
 
 def _reach(shape: Primitive) -> np.ndarray:

@@ -198,6 +198,11 @@ def test_furniture_on_a_floor_with_walls_is_solid(facing: int) -> None:
     assert np.sign(scene.distance(torch.from_numpy(where)).numpy()).tolist() == [-1, 1]
 
 
+def test_furniture_of_a_file_of_its_own_is_no_room() -> None:
+    scene = Scene([inverted(ROOM.mesh()), inverted(TABLE.mesh())], cache=None, resolution=48)
+    assert_free(scene, free_in(POINTS, TABLE), clear=0.12)
+
+
 def test_a_moving_thing_turned_inside_out_is_solid() -> None:
     way = Trajectory((0.0,), ((0.0, 0.0, 0.0),))
     things = [MovingObject(mesh, way, cache=None) for mesh in (CRATE.mesh(), inverted(CRATE.mesh()))]
