@@ -144,6 +144,25 @@ def patched(keys, order):
     return parent, numbered(parent)
 
 
+@kernel
+def torn(keys, order, patch, count):
+    """True for each of so many patches that has an edge which it uses more often in one direction; as `patched`."""
+    out = np.zeros(count, np.bool_)
+    at = 0
+    while at < len(order):
+        after = at + 1
+        while after < len(order) and keys[order[after]] >> 1 == keys[order[at]] >> 1:
+            after += 1
+        for i in range(at, after):
+            balance = 0
+            for j in range(at, after):
+                if patch[order[j] // 3] == patch[order[i] // 3]:
+                    balance += 1 - 2 * (keys[order[j]] & 1)
+            out[patch[order[i] // 3]] |= balance != 0
+        at = after
+    return out
+
+
 @helper
 def _doubled_area(vertices, i, j, k):
     ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from scenes.kernels import weld
-from scenes.mesh.surface import Surface
+from scenes.mesh.surface import Faults, Surface
 from scenes.mesh.winding import Dipoles
 
 MANY = 1024
@@ -42,18 +42,25 @@ class Pieces:
 
     @classmethod
     def of(cls, surface: Surface) -> Pieces:
-        """The pieces of a surface. Solids that touch along edges are pieces of their own."""
+        """The pieces of a surface. Solids that touch at corners, edges or faces are pieces of their own."""
         every, vertices = np.concatenate([surface.faces, surface.slivers]), len(surface.vertices)
-        of_vertex, count = weld.connected(every, vertices)
-        of_face = of_vertex[every[:, 0]].astype(np.int64)
-        faults = surface.faults
-        torn = np.bincount(of_vertex[faults.unmatched[:, 0]], minlength=count) > 0
-        touching = np.zeros(count, dtype=bool)
-        touching[of_vertex[faults.crowded[:, 0]]] = True
-        if (split := np.flatnonzero((touching & ~torn)[of_face])).size:
-            of_face[split] = count + _split(surface.vertices, every[split])
+        keys = weld.edge_keys(every, vertices)
+        order = np.argsort(keys)
+        patch, count = weld.patched(keys, order)
+        of_face, torn = patch.astype(np.int64), weld.torn(keys, order, patch, count)
+        if torn.any() and (loose := np.flatnonzero(torn[of_face])).size:
+            # patches that end where others do may bound solids together
+            whole, together = weld.connected(every[loose], vertices)
+            ends = Faults.of(every[loose], vertices).unmatched
+            open_ = np.bincount(whole[ends[:, 0]], minlength=together) > 0
+            group = whole[every[loose, 0]]
+            closed = ~open_[group]
+            of_face[loose] = count + group
+            if closed.any():
+                of_face[loose[closed]] = count + together + _split(surface.vertices, every[loose[closed]])
+            torn = np.concatenate([torn, open_, np.zeros(len(closed), dtype=bool)])
             used, of_face = np.unique(of_face, return_inverse=True)
-            torn = np.append(torn, np.zeros(int(used[-1]) + 1 - count, dtype=bool))[used]
+            torn = torn[used]
         a, b, c = np.moveaxis(surface.vertices[surface.faces], 1, 0)
         piece, count = of_face[: len(surface.faces)], len(torn)
         area = np.bincount(piece, weld.areas(surface.vertices, surface.faces), count)
@@ -68,6 +75,19 @@ class Pieces:
         chosen, count = pieces[self.of_face], len(self.surface.faces)
         every = self.surface.faces[chosen[:count]], self.surface.slivers[chosen[count:]]
         return self.surface.part(*every)
+
+    def triangles(self, piece: int) -> np.ndarray:
+        """Those of a piece, with those of no area, ``[n, 3]``."""
+        every, order, starts = self._sorted
+        return np.asarray(every[order[starts[piece] : starts[piece + 1]]])
+
+    @cached_property
+    def _sorted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All triangles, their order by pieces, and where in it each piece begins."""
+        starts = np.searchsorted(
+            self.of_face, np.arange(len(self.closed) + 1), sorter=(order := np.argsort(self.of_face))
+        )
+        return np.concatenate([self.surface.faces, self.surface.slivers]), order, starts
 
     @cached_property
     def boxes(self) -> np.ndarray:
@@ -98,9 +118,7 @@ class Pieces:
 
     def spread(self, piece: int) -> np.ndarray:
         """Corners and other points of a piece, drawn in by a little so that none lies on a piece that it touches."""
-        own = self.surface.part(
-            self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], faults=self.surface.faults
-        )
+        own = self.surface.part(self.triangles(piece), faults=self.surface.faults)
         rng = np.random.default_rng(0)
         corners = own.vertices[np.unique(own.faces)]
         points = np.concatenate([corners[:: -(-len(corners) // SPREAD)], own.points_on(own.by_area(SPREAD, rng), rng)])
@@ -133,7 +151,7 @@ class Pieces:
         return _within(self._dipoles(piece), points)
 
     def _dipoles(self, piece: int) -> Dipoles:
-        used, own = np.unique(self.surface.faces[self.of_face[: len(self.surface.faces)] == piece], return_inverse=True)
+        used, own = np.unique(self.triangles(piece), return_inverse=True)
         return Dipoles.of(self.surface.vertices[used], own.reshape(-1, 3).astype(np.int32))
 
 

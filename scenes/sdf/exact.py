@@ -24,38 +24,43 @@ REACH = 1.0
 then agree at 99.97 % of the points that are half a voxel off and more (tests/scenes/sdf/test_sides.py)."""
 
 
-def signed_distance(sides: Sides, points: np.ndarray, baked: Callable[[], Baked]) -> np.ndarray:
+def signed_distance(
+    sides: Sides, points: np.ndarray, baked: Callable[[], Baked], thickness: float | int = 0.0
+) -> np.ndarray:
     """Exact distance (m) to the triangles, positive in free space.
 
     Args:
         sides: the triangles, and what is free about them.
         points: ``[n, 3]`` float64 metres, world.
         baked: gives what was baked from them; asked for sides before open pieces, never for distances.
+        thickness: metres that walls without one have in what was baked.
     """
     unsigned = sides.surface.unsigned_distance(points)
     free = sides.out_of_solids(points)
     if sides.sheets is not None:
         open_to = np.flatnonzero(free)
-        free[open_to] = _before_sheets(sides, sides.sheets, points[open_to], unsigned[open_to], baked())
+        free[open_to] = _before_sheets(sides, sides.sheets, points[open_to], unsigned[open_to], baked(), thickness / 2)
     if sides.seed is not None:  # no surface lies nearer to it than the nearest
         away = np.linalg.norm(points - sides.seed, axis=1)
         free |= away < sides.surface.unsigned_distance(sides.seed[None])[0]
     return np.where(free, unsigned, -unsigned)
 
 
-def _before_sheets(sides: Sides, sheets: Surface, points: np.ndarray, unsigned: np.ndarray, field: Baked) -> np.ndarray:
+def _before_sheets(
+    sides: Sides, sheets: Surface, points: np.ndarray, unsigned: np.ndarray, field: Baked, skin: float
+) -> np.ndarray:
     """Which points are free, out of solids: as the nodes around them, or near a surface as a place farther from it.
 
     Between a point and that place the winding number changes by whole numbers where surfaces lie between them.
     """
     free = _baked_free(field, points)
-    near = np.flatnonzero(unsigned <= np.sqrt(3.0) * field.spacing)
+    near = np.flatnonzero(unsigned <= skin + np.sqrt(3.0) * field.spacing)
     if len(near) == 0:
         return free
     here, surface = points[near], sides.surface.closest(points[near])
     away = here - surface
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
-    there = surface + REACH * field.spacing * away
+    there = surface + (skin + REACH * field.spacing) * away
     crossed = np.rint(sheets.winding_fast(there) - sheets.winding_fast(here)).astype(int)
     turns = (crossed % 2 == 1) & (sheets.nearly_closed | sides.rule.inward)  # loose sheets have air on both sides
     free[near] = _baked_free(field, there) != turns

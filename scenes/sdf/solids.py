@@ -79,7 +79,7 @@ class Boundary:
         """
         whole = pieces.surface
         kept = [int(i) for i in pieces.holders if not roles.void[i]]
-        faces = {i: _facing(pieces, i, bool(roles.turned[i])) for i in kept}
+        faces = {i: pieces.triangles(i)[:, :: -1 if roles.turned[i] else 1] for i in kept}
         plain = len(kept) == pieces.closed.sum() and not roles.turned[kept].any()
         new = _merged(pieces, roles, faces)
         if plain and new is None:
@@ -92,13 +92,6 @@ class Boundary:
         sheets = Surface(solids.vertices, sheets.faces, sheets.slivers, whole.centre, sheets.faults)
         both = (np.concatenate([sheets.faces, solids.faces]), np.concatenate([sheets.slivers, solids.slivers]))
         return cls(Surface(solids.vertices, *both, whole.centre, sheets.faults), solids, sheets)
-
-
-def _facing(pieces: Pieces, piece: int, turned: bool) -> np.ndarray:
-    """Triangles of a piece, those without area included, turned or not, ``[n, 3]``."""
-    every = np.concatenate([pieces.surface.faces, pieces.surface.slivers])
-    own = every[pieces.of_face == piece]
-    return np.asarray(own[:, ::-1] if turned else own)
 
 
 def _merged(

@@ -191,7 +191,7 @@ class Scene:
         when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
         results = [shape.distance(tensor, when).numpy() for shape in (*self.primitives, *self.planes)]
         for number, (sides, walls) in enumerate(self._surfaces):
-            results.append(signed_distance(sides, points, partial(self._grid, number)))
+            results.append(signed_distance(sides, points, partial(self._grid, number), self.baking.thickness))
             if walls is not None:
                 results.append(walls.unsigned_distance(points) - self.baking.thickness / 2)
         results += [thing.distance_exact(points, time) for thing in self.objects]
