@@ -21,6 +21,11 @@ NEARLY_CLOSED = 0.005
 """Share of unmatched edges up to which a mesh counts as closed with a few holes, as room scans are."""
 
 
+HOLES = 0.05
+"""Share of the area that its holes may have: a door and a window of a small room. Counted in edges alone, any surface
+that is cut finely enough would be nearly closed."""
+
+
 def clean(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Merge equal vertices, drop repeated and collapsed triangles.
 
@@ -98,7 +103,7 @@ def sheets(surface: Surface, thickness: float) -> np.ndarray:
     thin = 2 * np.abs(volume) < thickness * area
     for which in np.flatnonzero(~thin & (area > 0)):
         own = faces[piece == which]
-        thin[which] = len(Faults.of(own, count).unmatched) > NEARLY_CLOSED * 1.5 * len(own)
+        thin[which] = not surface.part(own).nearly_closed
     return np.asarray(faces[thin[piece]])
 
 
@@ -197,8 +202,20 @@ class Surface:
 
     @property
     def nearly_closed(self) -> bool:
-        """Closed but for a few holes, as scans of rooms are."""
-        return self.boundary_edges <= NEARLY_CLOSED * self.edges
+        """Closed but for a few holes, as scans of rooms are: few edges of it end there, and small they are together."""
+        return self.boundary_edges <= NEARLY_CLOSED * self.edges and self._holes <= HOLES * float(
+            weld.areas(self.vertices, self.faces).sum()
+        )
+
+    @cached_property
+    def _holes(self) -> float:
+        """Area (m²) that the holes have at most: of each rim of length l, the circle's l² / 4π."""
+        ends = self.faults.unmatched
+        if len(ends) == 0:
+            return 0.0
+        rim = weld.connected(np.stack([ends[:, 0], *ends.T], axis=1), len(self.vertices))[0][ends[:, 0]]
+        lengths = np.bincount(rim, np.linalg.norm(self.vertices[ends[:, 0]] - self.vertices[ends[:, 1]], axis=1))
+        return float(np.square(lengths).sum()) / (4 * np.pi)
 
     def by_area(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """So many triangles at random, each as often as its share of the area, ``[count]``."""

@@ -33,8 +33,11 @@ OUT_OF_SCAN: Range = (-0.5, 0.5)
 """Not within a nearly closed piece, which is solid whichever way it faces."""
 IN: Range = (-math.inf, -0.5)
 """Within a room."""
-IN_CUT_AWAY: Range = (-math.inf, -0.25)
-"""Within a room that is cut open: in front of what is left w is -1/2 and less, behind it 0 and more."""
+IN_CUT_AWAY: Range = (-math.inf, -0.02)
+"""Within or before a room that is cut open: w is -1/2 and less in front of what is left, and falls off to 0 beyond the
+opening; behind what is left it is 0 and more."""
+AIR = -0.25
+"""Winding number about open pieces below which a place is in their room, and not before an opening."""
 
 SHEET, NEARLY = -0.75, -0.5
 """Winding number in front of open pieces below which they are a room, and of nearly closed ones. In front of a room's
@@ -90,7 +93,9 @@ class Sides:
 
     @property
     def beyond(self) -> float:
-        """Sign of the distance far away from the mesh, where winding numbers are 0."""
+        """Sign of the distance far away from the mesh: where winding numbers are 0, and before what is cut open."""
+        if self.cut_away:
+            return 1.0
         pairs = ((self.solids, self.rule.solids), (self.sheets, self.rule.sheets))
         return 1.0 if all(part is None or _between(np.zeros(1), free).all() for part, free in pairs) else -1.0
 
@@ -229,7 +234,7 @@ class _Found:
         """Which points ``[n, 3]`` lie in the open room or in some closed ones."""
         within = np.zeros(len(points), dtype=bool)
         if self.sheets is not None and self.open_room:
-            within |= self.sheets.dipoles.at(points) < IN_CUT_AWAY[1]
+            within |= self.sheets.dipoles.at(points) < AIR
         for room in rooms:
             within |= self.pieces.hold(room, points)
         return within
@@ -266,7 +271,7 @@ class _Found:
         sheets, in_open_room = self._loose, False
         if self.sheets is not None:
             about = float(self.sheets.winding(seed[None])[0])
-            in_open_room = about < (IN_CUT_AWAY if self.open_room else IN)[1]
+            in_open_room = about < (AIR if self.open_room else IN[1])
             beyond = (round(about) - 0.5, round(about) + 0.5)
             sheets = self._within_sheets if in_open_room else beyond if about > 0.5 else self._loose
         rule = Rule("seed", OUT, sheets, message, in_open_room)

@@ -26,6 +26,7 @@ UNCERTAIN = 50
 """Percent of agreeing evidence up to which a node counts as uncertain."""
 
 _CLEAR = 0.2  # distance of a winding number from the rule's limits that marks a node
+_CLEAR_CUT_AWAY = 0.03  # the same where the winding number falls off to 0 before an opening
 _STEPS = np.uint16(4095)  # quarters of a voxel from which on places are equally wide
 _MARKS = 32  # along the longest side; the lattice's outer faces are marked too, as padding may be thin
 
@@ -197,7 +198,8 @@ def _cut(
     label = np.zeros(shape, dtype=np.int8)
     coarse = np.flatnonzero(_spread(shape) & torn)
     w = _winding(soup, sides, coarse, reach=1.2)  # within 0.1, far less than what makes a mark clear
-    label.reshape(-1)[coarse] = np.where(sides.margin(w) > _CLEAR, np.where(sides.before_sheets(w), 1, 2), 0)
+    clear = _CLEAR_CUT_AWAY if sides.cut_away else _CLEAR
+    label.reshape(-1)[coarse] = np.where(sides.margin(w) > clear, np.where(sides.before_sheets(w), 1, 2), 0)
     label = label.reshape(-1)
     label[_around_seed(soup, sides, distance)] = 1
     if sides.cut_away:
