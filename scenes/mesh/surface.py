@@ -26,6 +26,10 @@ HOLES = 0.05
 that is cut finely enough would be nearly closed."""
 
 
+DOUBLED = 0.9
+"""Share of the triangles of a piece that have a twin on their back from which on the piece is one with two sides."""
+
+
 def clean(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Merge equal vertices, drop repeated and collapsed triangles.
 
@@ -82,6 +86,27 @@ def _turned(vertices: np.ndarray, faces: np.ndarray, faults: Faults) -> np.ndarr
     turned = np.zeros(len(faces), dtype=bool)
     turned[some] = against != (share > 0.5)[patch]
     return turned
+
+
+def _undoubled(faces: np.ndarray, vertices: int) -> np.ndarray:
+    """One side of the pieces whose triangles nearly all have a second side, so that what they enclose is told."""
+    crowded = Faults.of(faces, vertices).crowded
+    if len(crowded) == 0:
+        return faces
+    of_vertex, pieces = weld.connected(faces, vertices)
+    piece = of_vertex[faces[:, 0]]
+    size = np.bincount(piece, minlength=pieces)
+    # two sides of a closed piece have three edges for each four triangles, each used four times
+    some = np.bincount(of_vertex[crowded[:, 0]], minlength=pieces) >= DOUBLED / 2 * size
+    own = np.flatnonzero((some & (size > 0))[piece])
+    _, first, which, count = np.unique(
+        np.sort(faces[own], axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    twin = count[which.reshape(-1)] > 1
+    doubled = np.bincount(piece[own], twin, pieces) >= DOUBLED * size
+    second = np.ones(len(own), dtype=bool)
+    second[first] = False
+    return np.delete(faces, own[second & twin & doubled[piece[own]]], axis=0)
 
 
 def _table(entries: int) -> np.ndarray:
@@ -151,6 +176,7 @@ class Surface:
     @classmethod
     def facing_alike(cls, vertices: np.ndarray, faces: np.ndarray, slivers: np.ndarray, centre: np.ndarray) -> Surface:
         """Cleaned triangles, each turned as most of its patch face; arguments as the attributes."""
+        faces = _undoubled(faces, len(vertices))
         every = np.concatenate([faces, slivers])
         faults, turned = Faults.of(every, len(vertices)), np.zeros(len(every), dtype=bool)
         if faults.twisted.any():

@@ -50,9 +50,9 @@ def _contrary(
 ) -> tuple[str, ...]:
     """Sentences about space that leaks, and about open pieces that face away from free space."""
     found = []
-    if signs.uncertain is not None and (share := float(signs.uncertain.mean())) >= MUCH:
+    if sides.seed is None and signs.uncertain is not None and (share := float(signs.uncertain.mean())) >= MUCH:
         found.append(
-            f"in mesh '{name}' what is free is uncertain for {100 * share:.2g} % of the voxels, as space leaks through"
+            f"in mesh '{name}' what is free is uncertain for {100 * share:.0f} % of the voxels, as space leaks through"
             " its holes; look at a slice, and state free_space as a point [x, y, z] in the air where it is wrong"
         )
     if (share := _facing_away(distance, sides, sheets, lattice)) >= MUCH:

@@ -15,6 +15,11 @@ ROOM = 6.5
 """Square metres of standing room from which on what is enclosed may be a room: the least that the International
 Residential Code (R304.1) allows habitable ones."""
 
+CROUCHING, CLOSET = 1.0, 1.5
+"""Metres of height, and square metres, into which no person fits who is to move: what is smaller is furniture."""
+
+_SHOULDER = 0.5  # metres across
+_MOST = 48  # columns along the longer side where it is looked at closely
 _COLUMNS = 12  # along the longer side
 _STEP = 0.2  # metres between the heights that are asked for
 _SEAT, _SILL = 0.2, 1.3  # heights of furniture above the floor, metres
@@ -77,11 +82,28 @@ def room_inside(surface: Surface) -> Room:
     return Room(float(stands.sum()) * cell**2, float(outside.sum()) * cell**2, float(furnished.mean()))
 
 
-def _within(surface: Surface, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Which points of a lattice are enclosed as by a solid, columns in rows: ``[X Z, Y]``."""
+def fits(surface: Surface) -> bool:
+    """Whether a person fits into what a surface encloses as a room: winding number below -1/2 over some height."""
+    low, high = surface.bounds
+    size = high - low
+    if size[1] < CROUCHING or size[0] * size[2] < CLOSET:
+        return False
+    coarse, fine = float(max(size[0], size[2])) / _COLUMNS, max(float(max(size[0], size[2])) / _MOST, _SHOULDER / 2)
+    y = np.arange(low[1] + _STEP / 2, high[1], _STEP)
+    x, z = (np.arange(low[k] + coarse / 2, high[k], coarse) for k in (0, 2))
+    if _within(surface, x, y[len(y) // 2 :][:1], z, -1).mean() >= 2 * _HALL:
+        return True  # as in nearly every room, so that the rest need not be asked
+    x, z = (np.arange(low[k] + fine / 2, high[k], fine) for k in (0, 2))
+    tall = _longest(_within(surface, x, y, z, -1))[0].reshape(len(x), len(z)) * _STEP >= CROUCHING - _STEP / 2
+    wide = [tall[i : len(x) - 2 + i, j : len(z) - 2 + j] for i in range(3) for j in range(3)]  # nobody fits into a wall
+    return bool(np.logical_and.reduce(wide).sum() * fine**2 >= CLOSET / 4)
+
+
+def _within(surface: Surface, x: np.ndarray, y: np.ndarray, z: np.ndarray, facing: int = 1) -> np.ndarray:
+    """Which points of a lattice are enclosed as by a solid, or by a room (-1), columns in rows: ``[X Z, Y]``."""
     across, along, up = np.meshgrid(x, z, y, indexing="ij")
     points = np.stack([across, up, along], axis=-1).reshape(-1, 3)
-    return np.asarray(surface.dipoles.at(points - surface.centre).reshape(-1, len(y)) > 0.5)
+    return np.asarray(facing * surface.dipoles.at(points - surface.centre).reshape(-1, len(y)) > 0.5)
 
 
 def _drops(bottom: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from scenes.errors import UserError
 from scenes.mesh.alignment import aligned
 from scenes.mesh.pieces import MANY, Pieces
 from scenes.mesh.surface import Surface
-from scenes.sdf.evidence import STANDING, in_front, room_inside
+from scenes.sdf.evidence import STANDING, fits, in_front, room_inside
 from scenes.sdf.settings import FreeSpace
 from scenes.sdf.solids import Boundary, Roles
 
@@ -47,6 +47,9 @@ the most part counts as a room."""
 
 WARDROBE = 2.0
 """Square metres up to which what one could stand in is taken for furniture."""
+
+GROUND = 0.5
+"""Metres from a room's floor within which open ground is level with it."""
 
 SEVERAL = 0.1
 """Share of a mesh's area from which on closed rooms beside an open one count."""
@@ -154,10 +157,10 @@ def decide(surface: Surface, free_space: FreeSpace, bounds: np.ndarray, name: st
     if not isinstance(free_space, str):
         _check_seed(surface, free_space, bounds, name)
         return found.around(np.array(free_space, dtype=np.float64))
-    if found.faces_inward:
-        return found.inside()
+    if found.open_room or found.fits:
+        return found.outdoors() if found.on_ground else found.inside()
     room = room_inside(surface)
-    if room.certain:
+    if room.certain or (room.likely and found.holds_inward):
         doubt = (
             f"mesh '{name}' faces outward as a solid does, but {room.standing:.3g} m² of standing room and furniture"
             ' lie inside: it is taken for a room turned inside out; if it is a solid, state free_space = "outside"'
@@ -169,7 +172,8 @@ def decide(surface: Surface, free_space: FreeSpace, bounds: np.ndarray, name: st
             f"mesh '{name}' faces outward and is taken for a solid, but {room.standing:.3g} m² of standing room lie"
             " inside; if it is a room, state free_space as a point [x, y, z] in its air",
         )
-    return found.outside("it does not face inward, so free space is outside", doubts=doubts)
+    why = "it does not face inward" if found.rooms <= 0 else "nobody fits into what it faces"
+    return found.outside(f"{why}, so free space is outside", doubts=doubts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +210,32 @@ class _Found:
         return self.sheets is not None and in_front(self.sheets) < (NEARLY if self.sheets.nearly_closed else SHEET)
 
     @property
-    def faces_inward(self) -> bool:
-        loose = 0.0 if self.sheets is None else float(self.pieces.area[~self.pieces.closed].sum())
-        return self.open_room or self.rooms > loose
+    def fits(self) -> bool:
+        """Closed pieces face inward for the most part, and a person fits into what they enclose."""
+        if self.rooms <= 0:
+            return False
+        closed = self.surface if self.sheets is None else self.pieces.part(self.pieces.closed)
+        return closed is not None and fits(closed)
+
+    @property
+    def holds_inward(self) -> bool:
+        """Closed pieces that face inward lie in outermost ones that face outward, as when all of a room is turned."""
+        volume, outermost = self.pieces.volume, set(self.outermost.tolist())
+        return any(
+            volume[piece] < 0 and len(holders) == 1 and holders[0] in outermost and volume[holders[0]] > 0
+            for piece, holders in self.pieces.holders.items()
+        )
+
+    @property
+    def on_ground(self) -> bool:
+        """Closed rooms stand on open ground: more of it than of them lies level with their floors."""
+        if self.sheets is None or self.open_room:
+            return False
+        floor = float(self.pieces.boxes[self.closed_rooms, 0, 1].min())
+        a, b, c = np.moveaxis(self.sheets.vertices[self.sheets.faces], 1, 0)
+        up = np.abs(np.cross(b - a, c - a)[:, 1]) / 2
+        level = np.abs((a + b + c)[:, 1] / 3 - floor) < GROUND
+        return float(up[level].sum()) > float(self.pieces.area[self.closed_rooms].sum())
 
     @cached_property
     def closed_rooms(self) -> list[int]:
@@ -252,11 +279,19 @@ class _Found:
         rule = Rule("outside", OUT, self._loose, f"{self._about}: {why}", doubts=doubts)
         return self._sides(rule, roles, stated)
 
+    def outdoors(self) -> Sides:
+        """Rooms without thickness on open ground: their air is free, and all around them."""
+        rooms = np.isin(np.arange(len(self.pieces.closed)), self.closed_rooms)
+        found = _Found(self.surface, self.name)
+        found.__dict__["pieces"] = replace(self.pieces, closed=self.pieces.closed & ~rooms)
+        rule = Rule("outside", OUT, OUT, f"{self._about} faces into rooms on open ground, so both are free")
+        return found._sides(rule, Roles.of(found.pieces, lambda piece: False))
+
     def inside(self, doubts: tuple[str, ...] = ()) -> Sides:
         """The air of the rooms that face inward is free, and all else solid."""
         message = f"{self._about} faces inward, so the space it encloses is free and all else solid"
         if not self.open_room:
-            rule = Rule("inside", IN, self._loose, message, True, doubts)
+            rule = Rule("inside", IN, self._loose, message, True, doubts + self._beside_rooms())
             return self._sides(rule, Roles.of(self.pieces, lambda piece: not self._in_air(piece, self.closed_rooms)))
         rule = Rule("inside", OUT, self._within_sheets, message, True, doubts)
         if self.rooms > SEVERAL * float(self.pieces.area.sum()):  # closed rooms beside an open one: asked together
@@ -300,20 +335,36 @@ class _Found:
                 f"mesh '{self.name}' has {turned} of {len(self.surface.faces)} triangles that face against"
                 " their neighbours and are taken to face as these do; make its normals consistent if that looks wrong",
             )
-        if roles.inside_out.any() and not stated:
+        if roles.inside_out.any() and not stated and rule.name != "seed":
             doubts += (self._inside_out(roles),)
         return Sides(boundary.surface, boundary.solids, boundary.sheets, replace(rule, doubts=doubts))
 
+    def _beside_rooms(self) -> tuple[str, ...]:
+        """A doubt about outermost pieces that could be rooms themselves, but face outward."""
+        pieces = [int(piece) for piece in self.outermost if self.pieces.volume[piece] > 0]
+        pieces = [i for i in pieces if self._could_stand_in(i) and not self._in_air(i, self.closed_rooms)]
+        if not pieces:
+            return ()
+        end = "outward beside rooms that face inward", "taken for solid; if it is a room, turn its normals"
+        return (self._sentence(np.array(pieces), *end),)
+
     def _inside_out(self, roles: Roles) -> str:
         """A doubt about closed pieces in the air that face inward."""
-        pieces = np.flatnonzero(roles.inside_out)
+        end = (
+            "inward in free space",
+            "taken for solid; if it is a room, state free_space as a point [x, y, z] in its air",
+        )
+        return self._sentence(np.flatnonzero(roles.inside_out), *end)
+
+    def _sentence(self, pieces: np.ndarray, how: str, end: str) -> str:
+        """About some closed pieces, of which the largest is named."""
         largest = self.pieces.boxes[pieces[self.pieces.area[pieces].argmax()]] + self.surface.centre
         middle = ", ".join(f"{x:.2f}" for x in largest.mean(axis=0))
         size = " x ".join(f"{x:.2f}" for x in np.ptp(largest, axis=0))
         what = "a closed piece faces" if len(pieces) == 1 else f"{len(pieces)} closed pieces face"
         return (
-            f"in mesh '{self.name}' {what} inward in free space, {'' if len(pieces) == 1 else 'the largest '}{size} m"
-            f" around ({middle}): taken for solid; if it is a room, state free_space as a point [x, y, z] in its air"
+            f"in mesh '{self.name}' {what} {how}, {'' if len(pieces) == 1 else 'the largest '}{size} m around"
+            f" ({middle}): {end}"
         )
 
 

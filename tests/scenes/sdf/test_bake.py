@@ -324,7 +324,7 @@ def test_rules_for_an_object_that_faces_inward() -> None:
     mesh = inverted(Box((0, 0, 0), (1, 1, 1)).mesh())
     centre, corner = (0.0, 0.0, 0.0), (0.58, 0.58, 0.58)
     for rule, signs, name in [
-        ("auto", (1, -1), "inside"),
+        ("auto", (-1, 1), "outside"),  # nobody fits in, so that it is no room
         ("outside", (-1, 1), "outside"),
         (corner, (-1, 1), "seed"),
         (centre, (1, -1), "seed"),
@@ -333,6 +333,7 @@ def test_rules_for_an_object_that_faces_inward() -> None:
         assert result.rule == name, rule
         assert np.sign(values_at(result, centre, corner)).tolist() == list(signs)
         assert name in ("inside", "outside") or "seed" in result.message
+    assert bake(inverted(Box((0, 0, 0), (1.5, 1.2, 1.5)).mesh()), 16, cache=None).rule == "inside"
 
 
 def test_a_seed_frees_the_air_of_a_room_drawn_with_outward_walls() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings, strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from scenes.errors import UserError
 from scenes.mesh.content import joined
@@ -149,6 +149,8 @@ def test_a_room_that_is_cut_open(gone: tuple[tuple[int, float], ...], free_space
 @settings(max_examples=12, deadline=None)
 def test_overlapping_solids_are_their_union_however_they_face(heap: list[tuple[float, ...]]) -> None:
     boxes = [Box(values[:3], values[3:6], values[6]) for values in heap]
+    corners = [torch.from_numpy(box.mesh().vertices) for box in boxes]  # one that faces inward in another is a hollow
+    assume(not any((a.distance(c) < 1e-3).all() for n, a in enumerate(boxes) for m, c in enumerate(corners) if n != m))
     some = [box.mesh() if values[7] else inverted(box.mesh()) for box, values in zip(boxes, heap, strict=True)]
     some = [*some, Box((0, -3, 0), (6, 0.5, 6)).mesh()]  # they lie over a slab, so that they are no rooms
     scene = Scene([together(*some)], cache=None, resolution=24, free_space="outside")
@@ -321,9 +323,77 @@ def test_a_mesh_that_leaves_nothing_free_is_refused_and_one_without_inside_is_in
     for axis, value in ((0, 0.0), (2, 0.0), (2, 4.0)):
         floor = without(floor, axis, value)
     assert any("encloses nothing" in doubt for doubt in bake(floor, 32, cache=None).doubts)
-    thin = Box((0, 0, 0), (0.3, 0.3, 0.3))
+    small = inverted(fine(Box((0, 0, 0), (0.3, 0.3, 0.3)), 0.04))
     with pytest.raises(UserError, match="leaves no free space"):
-        bake(inverted(thin.mesh()), 8, padding=2.0, cache=None)
+        bake(Mesh(small.vertices, small.faces[1:]), 8, padding=2.0, cache=None)
+
+
+@pytest.mark.parametrize("facing", [1, -1])
+def test_solids_alone_are_solid_whichever_way_they_face(facing: int) -> None:
+    chair = [Box((0, 0.45, 0), (0.5, 0.06, 0.5)), Box((0, 0.8, -0.22), (0.5, 0.7, 0.05))]
+    slab, walls = Box((0, -0.1, 0), (6, 0.2, 6)), [Box((x, 1.3, 0), (0.3, 2.6, 6)) for x in (-3, 3)]
+    for boxes in (chair, [*chair, slab], [slab, *walls]):
+        for turned_ in range(1, len(boxes) + 1):
+            parts = [box.mesh() if facing > 0 or n >= turned_ else inverted(box.mesh()) for n, box in enumerate(boxes)]
+            scene = Scene([together(*parts)], cache=None, resolution=48)
+            points = np.random.default_rng(2).uniform((-3.1, -0.15, -3.1), (3.1, 2.7, 3.1), (300, 3))
+            expected = free_in(points, *boxes, room=None)
+            exact = scene.distance_exact(points)
+            assert ((exact > 0) == (expected > 0))[np.abs(expected) > 1e-3].all()
+            assert scene.bakes[0].rule == "outside" and bool(scene.doubts) >= (facing < 0)
+
+
+@pytest.mark.parametrize("facing", [1, -1])
+def test_a_house_with_thick_walls_may_be_turned_as_a_whole(facing: int) -> None:
+    outer, inner = Box((2.5, 1.3, 2.0), (5.4, 3.0, 4.4)), ROOM
+    house = together(outer.mesh(), inverted(inner.mesh()), TABLE.mesh())
+    scene = Scene([house if facing > 0 else inverted(house)], cache=None, resolution=64)
+    where = torch.from_numpy(POINTS)
+    expected = torch.minimum(
+        torch.maximum(outer.distance(where), -inner.distance(where)), TABLE.distance(where)
+    ).numpy()
+    assert_free(scene, expected, clear=0.1)
+
+
+def test_pieces_that_share_a_corner_or_an_edge_are_told_apart() -> None:
+    room = inverted(fine(ROOM, 2.0))
+    for cupboard in (Box((0.3, 1.0, 0.5), (0.6, 2.0, 1.0)), Box((0.3, 1.0, 2.5), (0.6, 2.0, 1.0))):
+        assert_free(scene_of(room, inverted(cupboard.mesh())), free_in(POINTS, cupboard))
+    crates = [Box((0.5, 0.5, 0.5), (1, 1, 1)), Box((1.5, 0.5, 1.5), (1, 1, 1)), Box((0, -0.1, 0), (8, 0.2, 8))]
+    scene = scene_of(crates[0].mesh(), inverted(crates[1].mesh()), crates[2].mesh())
+    assert_free(scene, free_in(POINTS, *crates, room=None))
+
+
+@pytest.mark.parametrize("parts", [1, 60])
+def test_a_cut_away_room_is_the_same_however_finely_it_is_cut(parts: int) -> None:
+    shell = without(without(inverted(fine(ROOM, 5.5 / parts)), 1, 2.6), 2, 0.0)
+    scene = Scene([shell], cache=None, resolution=48)
+    assert scene.bakes[0].signs.kind == "open"
+    where = torch.tensor([[2.5, 1.0, 2.0], [2.5, 3.4, 2.0], [2.5, 1.0, -0.5], [2.5, -0.05, 2.0], [-0.05, 1.0, 2.0]])
+    assert scene.distance(where).sign().tolist() == [1, 1, 1, -1, -1]
+
+
+def test_rooms_keep_their_floor_above_large_patches_and_on_open_ground() -> None:
+    patch = Mesh(np.array([[-10.0, 0, -10], [-10, 0, 14], [15, 0, 14], [15, 0, -10]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    room = inverted(fine(ROOM))
+    air, around = torch.tensor([[2.5, 1.0, 2.0]]), torch.tensor([[10.0, 1.0, 2.0]])
+    for height in (-1.5, 4.0):
+        scene = scene_of(room, Mesh(patch.vertices + np.array([0, height, 0]), patch.faces))
+        assert scene.bakes[0].inward and float(scene.distance(air)) > 0 and scene.floor.height == pytest.approx(0.0)
+    scene = scene_of(room, patch)
+    assert float(scene.distance(air)) > 0 and float(scene.distance(around)) > 0
+    assert any("encloses nothing" in doubt for doubt in scene.doubts)
+
+
+def test_what_has_two_sides_encloses_as_with_one() -> None:
+    room, table = inverted(fine(ROOM)), fine(TABLE, 0.3)
+    for parts in ((room, inverted(room), TABLE.mesh()), (room, table, inverted(table))):
+        assert_free(scene_of(*parts), free_in(POINTS, TABLE))
+
+
+def test_a_second_room_that_faces_outward_is_told() -> None:
+    beside = Box((9.0, 1.3, 2.0), (3.0, 2.6, 4.0))
+    assert any("outward beside rooms" in doubt for doubt in scene_of(inverted(ROOM.mesh()), beside.mesh()).doubts)
 
 
 # ------------------------------------------------------------------------------------------------------- shared cases
