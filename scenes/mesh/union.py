@@ -84,8 +84,16 @@ def _groups(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[list[int
     if not solids:
         return []
     low, high = (np.array([edge(vertices[s.reshape(-1)], axis=0) for s in solids]) for edge in (np.min, np.max))
-    meet = np.ones((len(solids), len(solids)), dtype=bool)
-    for axis in range(3):
-        meet &= low[:, None, axis] <= high[None, :, axis]
-    number = connected_components(coo_matrix(meet & meet.T), directed=False)[1]
-    return [np.flatnonzero(number == n).tolist() for n in range(int(number.max()) + 1)]
+    order = np.argsort(low[:, 0])
+    after = np.searchsorted(low[order, 0], high[order, 0], side="right")
+    pairs = [np.zeros((0, 2), dtype=int)]
+    for place, i in enumerate(order):  # those that begin, along x, before this one ends
+        others = order[place + 1 : after[place]]
+        meet = others[((low[others] <= high[i]) & (low[i] <= high[others])).all(axis=1)]
+        pairs.append(np.stack([np.full(len(meet), i), meet], axis=1))
+    ends = np.concatenate(pairs)
+    graph = coo_matrix((np.ones(len(ends), dtype=bool), tuple(ends.T)), shape=(len(solids), len(solids)))
+    number = connected_components(graph, directed=False)[1]
+    by_group = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[by_group], np.arange(int(number.max()) + 2))
+    return [by_group[a:b].tolist() for a, b in zip(starts[:-1], starts[1:], strict=True)]
