@@ -130,7 +130,7 @@ def bench_rooms(
     return engine.run(cases(), walked, summary, {**settings, "solver": solver, "facings": facings}, total)
 
 
-def _room(mesh: str | Path, radius: float, facing: str) -> Room:
+def _room(mesh: str | Path, radius: float, facing: str = FACINGS[0]) -> Room:
     """A mesh's room in one of `FACINGS`, or a bundled scene of `FALLBACK`."""
     scene = bundled(mesh) if mesh in FALLBACK else load_scene(mesh)
     if facing != FACINGS[0]:

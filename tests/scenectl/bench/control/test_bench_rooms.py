@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from scenectl.bench.control.rooms import Room, _room, _tasks
+from scenectl.bench.scenes.meshes import FACINGS
 from scenectl.control import SolverSettings
 from scenectl.measures.metrics import Scorer
 from scenes.errors import UserError
@@ -46,3 +49,14 @@ def test_a_room_too_small_to_walk_in_says_how_far_one_gets_and_what_radius_would
     with pytest.raises(UserError, match=r"the longest way found is 0.[78]\d m as .* a radius of 0.5[0-3] m would do"):
         list(_tasks(room, 1, 0, 0.6, SolverSettings()))
     assert list(_tasks(room, 1, 0, 0.45, SolverSettings()))
+
+
+def test_a_room_is_the_same_in_every_winding(tmp_path: Path) -> None:
+    dent = trimesh.creation.box(bounds=[[1, 0, 1], [3.2, 0.7, 2.6]])
+    whole = trimesh.boolean.difference([trimesh.creation.box(bounds=[[0, 0, 0], [5, 2.6, 4]]), dent], engine="manifold")
+    whole.invert()
+    whole.export(tmp_path / "room.ply")
+    areas = [_room(tmp_path / "room.ply", 0.3, facing).area.square_metres for facing in FACINGS]
+    assert np.ptp(areas) < 0.02 * areas[0]
+    with pytest.raises(UserError, match="did you mean 'reversed'"):
+        _room(tmp_path / "room.ply", 0.3, "revresed")
