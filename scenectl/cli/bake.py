@@ -30,8 +30,12 @@ def bake(
 ) -> None:
     """Bake a scene's signed distances and say what was decided."""
     with importing():
+        from scenes.files import replaceable
         from scenes.world.named import named_scene
 
+    for file in (output, png):
+        if file is not None:
+            replaceable(file)  # told before minutes of work
     begin = time.perf_counter()
     found = named_scene(
         scene, unit, up, resolution=resolution, free_space=_free_space(free_space), thickness=thickness, spacing=spacing
