@@ -40,7 +40,7 @@ def bake(
     found = named_scene(
         scene, unit, up, resolution=resolution, free_space=_free_space(free_space), thickness=thickness, spacing=spacing
     )
-    with err.status("baking"), in_doubt(doubt for mesh in found.meshes for doubt in mesh.doubts):
+    with err.status("baking"), in_doubt(lambda: found.doubts_so_far):
         grids = [result.grid for result in found.bakes]
     _show_bake(found)
     out.print(f"{_floors(found)}; done in {time.perf_counter() - begin:.1f} s")

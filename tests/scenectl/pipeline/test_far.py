@@ -30,7 +30,7 @@ from scenes.world.scene import Scene
 from tests.scenectl.small import bundle, walk
 
 FAR = [(500_000.0, 0.0, 4_500_000.0), (0.0, 2_200.0, -7_400.0)]
-"""UTM, and a mountain; whole hundreds, so that motions come out to the last bit but those of numbers near 0."""
+"""UTM, and a mountain; whole hundreds, so that what is near them is computed as at home."""
 
 
 def room(o: Place) -> Mesh:
@@ -170,7 +170,9 @@ def test_edits_keep_what_is_kept_and_make_the_same(tmp_path: Path) -> None:
 
 def test_errors_say_in_which_frame_places_are() -> None:
     o = FAR[0]
-    with pytest.raises(UserError, match=r"start \[1.50, 2.00\] is inside .*stated in the frame .*\[500000.0, 0.0, 45"):
+    with pytest.raises(
+        UserError, match=r"start \[500001.50, 4500002.00\] is inside .* a frame that begins at \[500000.0,"
+    ):
         made(o, "tracks and regions", start=[1.5 + o[0], 2.0 + o[2]]).build()
 
 
