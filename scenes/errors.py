@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 
@@ -12,12 +12,12 @@ class UserError(ValueError):
 
 
 @contextmanager
-def in_doubt(doubts: Iterable[str]) -> Iterator[None]:
-    """UserErrors inside say what was in doubt before, since that may be their cause."""
+def in_doubt(doubts: Callable[[], Iterable[str]]) -> Iterator[None]:
+    """UserErrors inside say what is in doubt when they are raised, since that may be their cause."""
     try:
         yield
     except UserError as error:
-        if known := "; ".join(doubts):
+        if known := "; ".join(doubts()):
             raise UserError(f"{error}; in doubt: {known}") from error
         raise
 

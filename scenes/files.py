@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +18,8 @@ from scenes.errors import UserError
 
 T = TypeVar("T")
 
+_KINDS = {stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
+
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[None]:
@@ -27,15 +30,28 @@ def writing(path: str | Path) -> Iterator[None]:
         raise UserError(f"cannot write '{path}': {error.strerror or error}") from error
 
 
+def replaceable(path: str | Path) -> Path:
+    """The file that is made or replaced when `path` is written: where it leads, if it is a symbolic link.
+
+    Raises UserError where something else is there, such as a device or a folder.
+    """
+    path = Path(path)
+    with writing(path):
+        kind = stat.S_IFMT(path.stat().st_mode) if path.exists() else stat.S_IFREG
+    if kind != stat.S_IFREG:
+        raise UserError(f"cannot write '{path}': it is a {_KINDS.get(kind, 'device')}; give the path of a file")
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
 @contextmanager
 def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """Open a temporary file beside `path` and rename it over `path` when the block ends well.
 
-    A crash, a kill or a full disk leaves the old file or the new one, never half of one. Raises UserError, naming
-    `path`, for what the system refuses.
+    A crash, a kill or a full disk leaves the old file or the new one, never half of one; of a symbolic link, what it
+    leads to is replaced. Raises UserError, naming `path`, for what the system refuses and for what is no file.
     """
-    path = Path(path)
-    with writing(path):
+    named, path = path, replaceable(path)
+    with writing(named):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
         try:

@@ -30,13 +30,17 @@ def bake(
 ) -> None:
     """Bake a scene's signed distances and say what was decided."""
     with importing():
+        from scenes.files import replaceable
         from scenes.world.named import named_scene
 
+    for file in (output, png):
+        if file is not None:
+            replaceable(file)  # told before minutes of work
     begin = time.perf_counter()
     found = named_scene(
         scene, unit, up, resolution=resolution, free_space=_free_space(free_space), thickness=thickness, spacing=spacing
     )
-    with err.status("baking"), in_doubt(doubt for mesh in found.meshes for doubt in mesh.doubts):
+    with err.status("baking"), in_doubt(lambda: found.doubts_so_far):
         grids = [result.grid for result in found.bakes]
     _show_bake(found)
     out.print(f"{_floors(found)}; done in {time.perf_counter() - begin:.1f} s")

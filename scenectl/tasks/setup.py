@@ -84,12 +84,12 @@ def plan(
     Args:
         task: its tables.
         seed: of the sampled start, by default the task's.
-        start: instead of the task's own, as when a finished motion is scored.
+        start: of a finished motion, which is to be judged, wherever it begins; by default the task's own.
         scene: instead of reading it again.
         spec: of the generator, where it is not the one that the task names.
     """
     scene = task.load_scene() if scene is None else scene
-    with in_doubt(doubt for mesh in scene.meshes for doubt in mesh.doubts):
+    with in_doubt(lambda: scene.doubts_so_far):
         return _planned(task, seed, start, scene, spec)
 
 
@@ -99,8 +99,11 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     context = Context(scene, body)
     rng = np.random.default_rng(task.seed if seed is None else seed)
     area = None if task.walk is None else free_area(scene, task.walk.radius, task.walk.height)
-    place = _place(task, scene, area, rng, spec.window) if start is None else start.position
-    _check_standing(scene, place, body)
+    if start is None:
+        place = _place(task, scene, area, rng, spec.window)
+        _check_standing(scene, place, body)
+    else:
+        place = _below(scene, start.position)
     path = None if task.walk is None or area is None else _path(task.walk, area, place)
     seconds = _seconds(task, path, spec)
     if start is None:
@@ -115,12 +118,11 @@ def _place(
     task: TaskTable, scene: Scene, area: FreeArea | None, rng: np.random.Generator, window: float
 ) -> tuple[float, float, float]:
     """Ground point of the start: stated, sampled, or the origin."""
-    ground = scene.floor.height
     if isinstance(task.start, Start):
         p = task.start.position
         return (p[0], _ground(scene, p[0], p[1]), p[1]) if len(p) == 2 else (p[0], p[1], p[2])
     if task.start is None and not (scene.meshes or scene.primitives or scene.objects):
-        return 0.0, ground, 0.0
+        return 0.0, scene.floor.height, 0.0
     area = free_area(scene) if area is None else area
     if task.walk is None:
         x, z = (float(value) for value in area.sample(1, rng, 0.4)[0])
@@ -135,13 +137,20 @@ def _place(
             continue
         if 1.0 <= length <= 0.75 * FASTEST_WALK * min(task.seconds or window, window):
             return place
-    raise UserError(f"no free start from which {_at(task.walk.to)} can be walked to was found; state 'start'")
+    raise UserError(f"no free start from which {_at(scene, task.walk.to)} can be walked to was found; state 'start'")
 
 
 def _ground(scene: Scene, x: float, z: float) -> float:
     """Height (m) of the ground at a place, nearest to the floor's; the floor's where there is none."""
     height = float(scene.ground_at(x, z))
     return scene.floor.height if math.isnan(height) else height
+
+
+def _below(scene: Scene, place: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The ground under a place that may hang in the air or lie a little in the ground; itself where there is none."""
+    x, y, z = place
+    height = float(scene.ground_at(x, z, y + GROUND))
+    return x, y if math.isnan(height) else height, z
 
 
 def _path(walk: Walk, area: FreeArea, place: tuple[float, float, float]) -> np.ndarray:
@@ -205,25 +214,29 @@ def start_of(motion: Motion, body: ProxyBody = DEFAULT_BODY) -> Pose2D:
 def _check_standing(scene: Scene, place: tuple[float, float, float], body: ProxyBody) -> None:
     """A person upright at the start must not be inside anything."""
     x, y, z = place
-    low, high = np.asarray(scene.bounds)
+    (low, high), (ox, _, oz) = np.asarray(scene.bounds), scene.origin
     if not (low[0] - 0.5 <= x <= high[0] + 0.5 and low[2] - 0.5 <= z <= high[2] + 0.5):
         raise UserError(
-            f"start {_at((x, z))} lies outside the scene, which spans x {low[0]:.2f} to {high[0]:.2f} and "
-            f"z {low[2]:.2f} to {high[2]:.2f} m"
+            f"start {_at(scene, (x, z))} lies outside the scene, which spans x {low[0] + ox:.2f} to {high[0] + ox:.2f} "
+            f"and z {low[2] + oz:.2f} to {high[2] + oz:.2f} m"
         )
     heights = torch.linspace(0.35, 1.5, 8)
     column = torch.stack([torch.full_like(heights, x), y + heights, torch.full_like(heights, z)], dim=-1)
     clearance = scene.distance(column, torch.zeros(len(heights)))
     ground = float(scene.distance(torch.tensor([[x, y, z]]), torch.zeros(1)))
     if ground > GROUND:
-        raise UserError(f"start {_at(place)} has nothing to stand on: the nearest surface is {ground:.2f} m away")
+        raise UserError(
+            f"start {_at(scene, place)} has nothing to stand on: the nearest surface is {ground:.2f} m away"
+        )
     worst = int(clearance.argmin())
     if float(clearance[worst]) < STANDING:
         raise UserError(
-            f"start {_at((x, z))} is inside or against an obstacle (clearance {float(clearance[worst]):.2f} m at "
-            f'height {float(heights[worst]):.1f} m); move it, or use start = "sample"'
+            f"start {_at(scene, (x, z))} is inside or against an obstacle (clearance {float(clearance[worst]):.2f} m "
+            f'at height {float(heights[worst]):.1f} m); move it, or use start = "sample"'
         )
 
 
-def _at(place: Sequence[float]) -> str:
-    return "[" + ", ".join(f"{float(value):.2f}" for value in place) + "]"
+def _at(scene: Scene, place: Sequence[float] | np.ndarray) -> str:
+    """A place of the scene's frame, [x, z] or [x, y, z], as the world states it."""
+    origin = scene.origin if len(place) == 3 else scene.origin[::2]
+    return "[" + ", ".join(f"{float(value) + begin:.2f}" for value, begin in zip(place, origin, strict=True)) + "]"

@@ -37,12 +37,7 @@ class Task(TaskTable):
         if origin == HOME:
             return plan(self, seed, start, scene, spec)
         start = None if start is None else start.moved(back(origin))
-        try:
-            setup = plan(self.seen_from(origin), seed, start, scene.seen_from(origin), spec)
-        except UserError as error:
-            frame = f"places are stated in the frame near the scene that begins at {list(origin)} m"
-            raise UserError(f"{error} ({frame})") from error
-        return replace(setup, task=self)
+        return replace(plan(self.seen_from(origin), seed, start, scene.seen_from(origin), spec), task=self)
 
     def origin(self, scene: Scene, start: Pose2D | None = None) -> Place:
         """Where the frame begins (m, world) that a scene is computed in: near it, or on bare floor near the start."""

@@ -29,8 +29,9 @@ _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _DRACO, _INSTANCING = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing"
+_VISIBILITY = "KHR_node_visibility"
 _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
-_READ = {"KHR_mesh_quantization", _DRACO, _INSTANCING, *_MESHOPT}
+_READ = {"KHR_mesh_quantization", _DRACO, _INSTANCING, _VISIBILITY, *_MESHOPT}
 _NO_GEOMETRY = re.compile(
     r"[A-Z]+_(materials|texture|lights|animation|audio|xmp|techniques|primitive_outline|structural_metadata|"
     r"mesh_features|instance_features|springBone)(_|$)"
@@ -135,6 +136,7 @@ class Gltf:
     def drawn(self) -> list[int]:
         """Nodes of the default scene, or of the first, or all: parents before children, the last of siblings first.
 
+        A node that is stated to be invisible is left out with all below it (KHR_node_visibility).
         Bakes depend on the order of triangles in their last bits; this is the one that scenes always had.
         """
         if scenes := self.facts.get("scenes"):
@@ -145,7 +147,8 @@ class Gltf:
         found = dict[int, None]()
         while waiting:
             node = numbered(waiting.pop(), self.nodes, "node")
-            if node not in found:
+            shown = self.nodes[node].get("extensions", {}).get(_VISIBILITY, {}).get("visible", True)
+            if shown and node not in found:
                 found[node] = None
                 waiting += self.nodes[node].get("children", ())
         return list(found)
@@ -241,12 +244,9 @@ class Gltf:
 
     def accessor(self, index: int) -> np.ndarray:
         """Rows ``[n, width]`` of an accessor; whole numbers that stand for shares come as shares."""
-        facts = self._accessor_facts(index)
-        shape, kind, what = (
-            (facts["count"], _WIDTHS[facts["type"]]),
-            _TYPES[facts["componentType"]],
-            f"accessor {index}",
-        )
+        facts, what = self._accessor_facts(index), f"accessor {index}"
+        shape = facts["count"], _known(_WIDTHS, facts, "type", what)
+        kind = _known(_TYPES, facts, "componentType", what)
         if "bufferView" not in facts and "sparse" not in facts:
             raise UserError(f"has no data for {what}; export it again, without compression")
         if "bufferView" in facts:
@@ -258,7 +258,8 @@ class Gltf:
         if "sparse" in facts:
             sparse = facts["sparse"]
             count, places = sparse["count"], sparse["indices"]
-            where = self._rows(places, (count, 1), _TYPES[places["componentType"]], what)[:, 0]
+            whole = _known(_TYPES, places, "componentType", what)
+            where = self._rows(places, (count, 1), whole, what)[:, 0]
             rows = rows.copy()
             rows[where] = self._rows(sparse["values"], (count, shape[1]), kind, what)
         return _shares(rows, facts)
@@ -333,6 +334,13 @@ _MOST = 1 << 24
 _REST: dict[str, tuple[float, ...]] = {
     "TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0),
 }  # fmt: skip
+
+
+def _known(table: dict[Any, Any], facts: dict[str, Any], key: str, what: str) -> Any:
+    """What a word or number of the standard stands for; raises ValueError, which names it, for any other."""
+    if facts[key] not in table:
+        raise ValueError(f"{what} has the {key} {facts[key]}, and glTF 2.0 knows {', '.join(map(str, table))}")
+    return table[facts[key]]
 
 
 def _shares(rows: np.ndarray, facts: dict[str, Any]) -> np.ndarray:

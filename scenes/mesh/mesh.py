@@ -145,6 +145,8 @@ def hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
 
 def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[str | None, str | None]]:
     """Everything in the file, placed, in its own unit and axes; and these, None where neither user nor file says."""
+    if path.is_dir():
+        raise UserError(f"mesh file '{path}' is a folder; give a file in it")
     if not path.is_file():
         raise UserError(f"mesh file '{path}' does not exist")
     ending = path.suffix.lower().removeprefix(".")

@@ -42,7 +42,9 @@ class _Element:
 
 
 def read_ply(path: Path) -> Content:
-    """Read the elements ``vertex`` and ``face``; all else is passed over. Text keeps the precision it is written with.
+    """Read the elements ``vertex``, and ``face`` or ``tristrips``; all else is passed over.
+
+    Text keeps the precision it is written with.
 
     Raises:
         UserError: not PLY, or cut off.
@@ -63,14 +65,33 @@ def read_ply(path: Path) -> Content:
     tables, at = dict[str, dict[str, _Column]](), 0
     for element in elements:
         tables[element.name], at = _rows(body, at, element, _ORDERS[form])
-        if {"vertex", "face"} <= tables.keys():
+        filled = {known.name for known in elements if known.rows and known.name in tables}
+        if "vertex" in filled and filled & {"face", "tristrips"}:
             break
     if "vertex" not in tables:
         raise ValueError("it has no vertices")
     vertices = np.stack([tables["vertex"][axis][0] for axis in "xyz"], axis=1).astype(np.float64)
-    polygons, none = tables.get("face", {}), (np.zeros(0), np.zeros(0))
-    corners, counts = polygons.get("vertex_indices", polygons.get("vertex_index", none))
+    corners, counts = _corners(tables.get("face", {}))
+    strips = _unrolled(*_corners(tables.get("tristrips", {})))
+    corners, counts = np.append(corners, strips), np.append(counts, np.full(len(strips), 3))
     return Content([Piece(path.name, vertices, triangulated(vertices, corners, counts))])
+
+
+def _corners(polygons: dict[str, _Column]) -> _Column:
+    """Numbers of vertices of all polygons or strips, and how many each has."""
+    none = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    corners, counts = polygons.get("vertex_indices", polygons.get("vertex_index", none))
+    return corners.astype(np.int64), counts
+
+
+def _unrolled(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Triangles ``[F, 3]`` of strips, which end with their row or at -1; every second one is wound the other way."""
+    corners = np.insert(corners, np.cumsum(counts), -1)
+    at = np.arange(max(len(corners) - 2, 0))
+    begins = np.maximum.accumulate(np.where(corners == -1, np.arange(1, len(corners) + 1), 0))[: len(at)]
+    odd = (at - begins) % 2
+    triangles = np.stack([corners[at], corners[at + 1 + odd], corners[at + 2 - odd]], axis=1)
+    return triangles[(triangles != -1).all(axis=1)]
 
 
 def _header(text: str) -> tuple[str, list[_Element]]:

@@ -12,6 +12,8 @@ from scenes.errors import UserError
 from scenes.mesh.content import Content, Piece
 
 _HEADER = 84
+_TEXT = 0x09090909
+"""Least number that four bytes of text make, tabs: 150 million triangles, which no scene has."""
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _CORNER = re.compile(rb"^[ \t]*vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)[ \t]*$", re.IGNORECASE | re.MULTILINE)
 
@@ -37,6 +39,8 @@ def read_stl(path: Path) -> Content:
 def _binary(data: bytes, count: int, needed: int) -> np.ndarray:
     if len(data) < _HEADER:
         raise UserError("is cut off within its header, or is no STL and cannot be read; export or copy it again")
+    if len(data) < needed and count >= _TEXT:
+        raise UserError("is no STL and cannot be read; export it as such, or give it the ending of its format")
     if len(data) < needed:
         raise UserError(f"is cut off: it holds {len(data)} of {needed} bytes; export or copy it again")
     facets = np.frombuffer(data, _FACET, count, _HEADER)

@@ -29,7 +29,7 @@ from scenes.sdf.free_space import Sides, decide
 from scenes.sdf.lattice import Lattice, padded
 from scenes.sdf.settings import BakeOptions, BakeSettings, FreeSpace
 from scenes.world.floor.ground import Floor, find_floors
-from scenes.world.floor.levels import Levels, fitting
+from scenes.world.floor.levels import STEP, Levels, fitting
 from scenes.world.floor.mapping import held, surfaces
 from scenes.world.moving import MovingObject
 
@@ -38,8 +38,8 @@ DENSE = 2**26
 
 _FRAME = (
     "the scene is far from the origin, where single precision is too coarse, so it is computed in a frame that begins "
-    "at {} m, in which places in doubts about its grids are stated; results are stated in the world; move the scene to "
-    "settle it"
+    "at {} m, in which what is said of its grids, of walks and of goals states places; starts and results are stated "
+    "in the world; move the scene to settle it"
 )
 """What is said of a scene in a frame of its own."""
 
@@ -258,15 +258,19 @@ class Scene:
 
     def levels_in(self, cell: float) -> Levels:
         """All that can be stood on, in cells of side `cell` (m): of meshes, primitives at rest and a stated floor."""
-        solid = [shape for shape in self._still if not isinstance(shape, Plane)]
-        planes = [*(shape for shape in self._still if isinstance(shape, Plane)), *self.planes]
-        meshes = [*self.meshes, *(shape.mesh() for shape in solid)]
-        return Levels.of(meshes, planes, self._at_rest, self.bounds, cell, self.baking.thickness / 2)
+        return self._levels(cell, self.planes)
 
-    def _at_rest(self, points: Tensor) -> Tensor:
-        """Signed distance (m) to all that does not move."""
-        still = (*(result.grid for result in self.bakes), *self._still, *self.planes)
-        return reduce(torch.minimum, (field.distance(points, None) for field in still))
+    def _levels(self, cell: float, stated: tuple[Plane, ...]) -> Levels:
+        """What can be stood on of meshes, primitives at rest and the planes that are stated besides."""
+        still = (*self._still, *stated)
+        planes = [shape for shape in still if isinstance(shape, Plane)]
+        meshes = [*self.meshes, *(shape.mesh() for shape in still if not isinstance(shape, Plane))]
+        fields = (*(result.grid for result in self.bakes), *still)
+
+        def distance(points: Tensor) -> Tensor:
+            return reduce(torch.minimum, (field.distance(points, None) for field in fields))
+
+        return Levels.of(meshes, planes, distance, self.bounds, cell, self.baking.thickness / 2)
 
     @property
     def _still(self) -> tuple[Primitive, ...]:
@@ -349,11 +353,40 @@ class Scene:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What may be wrong with the scene as it was read and baked, one sentence each; bakes as `report` does."""
+        self.report()
+        return self.doubts_so_far
+
+    @property
+    def doubts_so_far(self) -> tuple[str, ...]:
+        """Those of `doubts` that are known before anything more is baked."""
         meshes = [*self.meshes, *(thing.shape for thing in self.objects if isinstance(thing.shape, Mesh))]
-        bakes = [*self.bakes, *(thing.bake for thing in self.objects if thing.bake is not None)]
+        bakes = [] if "bakes" not in vars(self) else list(self.bakes)
+        floor = () if "bakes" not in vars(self) else self._floor_doubts
+        bakes += [result for thing in self.objects if (result := vars(thing).get("bake")) is not None]
         frame = () if self.origin == HOME else (_FRAME.format(list(self.origin)),)
-        found = [frame, *(mesh.doubts for mesh in meshes), *(bake.doubts for bake in bakes)]
+        found = [frame, *(mesh.doubts for mesh in meshes), *(bake.doubts for bake in bakes), floor]
         return tuple(dict.fromkeys(chain.from_iterable(found)))
+
+    @cached_property
+    def _floor_doubts(self) -> tuple[str, ...]:
+        """On a floor that is stated where nothing in the meshes is one, nor stands on it."""
+        stated = self.stated_floor
+        if stated is None or not self.meshes:
+            return ()
+        try:
+            floors = [floor.height for floor in find_floors(self._levels(fitting(self.bounds), ()), self.name)]
+        except UserError:
+            return ()  # they are no ground, such as a table
+        if (
+            min(abs(height - stated) for height in (*floors, hull([m.bounds for m in self.meshes])[0, 1]))
+            <= STEP + 1e-6
+        ):
+            return ()
+        found = min(floors, key=lambda height: abs(height - stated)) + self.origin[1]
+        return (
+            f"the floor is stated at {stated + self.origin[1]:g} m, but that of the mesh lies at {found:.3f} m; state "
+            "the mesh's unit and up axis if they are others, or leave out 'floor'",
+        )
 
     def __repr__(self) -> str:
         counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"

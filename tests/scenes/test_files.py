@@ -91,12 +91,42 @@ def test_a_disk_that_is_full_only_at_the_end_names_the_file_too(
 
 def test_what_else_the_system_refuses_names_the_file(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
-    with pytest.raises(UserError, match=r"cannot write '.*folder': Is a directory"):
+    with pytest.raises(UserError, match=r"cannot write '.*folder': it is a folder; give the path of a file"):
         write_json({}, tmp_path / "folder")
     (tmp_path / "file").touch()
     with pytest.raises(UserError, match=r"cannot write '.*below.json': (Not a directory|File exists)"):
         write_json({}, tmp_path / "file" / "below.json")
     assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
+
+
+@pytest.mark.parametrize("name", WRITES)
+def test_what_is_no_file_is_never_replaced(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pipe, link = tmp_path / name, tmp_path / f"link to {name}"
+    os.mkfifo(pipe)
+    link.symlink_to(pipe)
+    monkeypatch.setattr(tempfile, "mkstemp", None)  # nothing is written beside it either
+    for path in (pipe, link):
+        with pytest.raises(UserError, match=rf"cannot write '.*{name}': it is a pipe; give the path of a file"):
+            WRITES[name](path)
+    assert pipe.is_fifo() and link.is_symlink()
+    with pytest.raises(UserError, match=f"cannot write '{os.devnull}': it is a device"):
+        WRITES[name](Path(os.devnull))
+    assert Path(os.devnull).is_char_device()
+
+
+def test_what_a_link_leads_to_is_replaced_and_the_link_stays(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for name in ("old.json", "new.json"):
+        (tmp_path / name).symlink_to(Path("there", name))
+    (tmp_path / "there" / "old.json").write_text("1")
+    for name in ("old.json", "new.json"):
+        write_json([2], tmp_path / name)
+        assert (tmp_path / name).is_symlink()
+        assert (tmp_path / "there" / name).read_text() == "[\n 2\n]"
+    (tmp_path / "ring.json").symlink_to("ring.json")
+    write_json([3], tmp_path / "ring.json")
+    assert (tmp_path / "ring.json").read_text() == "[\n 3\n]"
+    assert sorted(os.listdir(tmp_path / "there")) == ["new.json", "old.json"]
 
 
 def test_a_cache_on_a_full_disk_costs_time_and_not_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,12 @@ def baked(scenectl: Run, mesh: Mesh, folder: Path) -> str:
     said = scenectl("bake", folder / "mesh.ply", "--resolution", 96)
     assert said.status == 0, said
     return " ".join(said.out.split())
+
+
+def test_a_grid_is_not_written_to_a_device_and_that_is_told_before_the_bake(scenectl: Run, tmp_path: Path) -> None:
+    for option in ("-o", "--png"):
+        said = scenectl("bake", tmp_path / "none.ply", option, os.devnull)
+        assert said.status == 2 and f"cannot write '{os.devnull}': it is a device; give the path of a file" in said.err
 
 
 def test_storeys_are_named_with_their_areas(scenectl: Run, tmp_path: Path) -> None:

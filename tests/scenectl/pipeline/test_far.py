@@ -30,7 +30,7 @@ from scenes.world.scene import Scene
 from tests.scenectl.small import bundle, walk
 
 FAR = [(500_000.0, 0.0, 4_500_000.0), (0.0, 2_200.0, -7_400.0)]
-"""UTM, and a mountain; whole hundreds, so that motions come out to the last bit but those of numbers near 0."""
+"""UTM, and a mountain; whole hundreds, so that what is near them is computed as at home."""
 
 
 def room(o: Place) -> Mesh:
@@ -168,9 +168,24 @@ def test_edits_keep_what_is_kept_and_make_the_same(tmp_path: Path) -> None:
     assert close(load_bvh(tmp_path / "there.bvh").joints, load_bvh(tmp_path / "here.bvh").joints, o)
 
 
+def test_check_and_run_tell_of_the_frame_and_a_bake_which_needs_none_does_not(tiny: ModuleType) -> None:
+    o = FAR[0]
+    here, there = (Scene([room(place)], resolution=32, cache=None) for place in (HOME, o))
+    assert here.doubts == there.doubts == ()
+    grids = here.bakes[0].grid, there.bakes[0].grid
+    places = torch.from_numpy(np.random.default_rng(0).uniform([-3.9, 0.1, -3.9], [3.9, 2.4, 3.9], (500, 3)))
+    far = grids[1].distance(places + torch.tensor(o, dtype=torch.float64))
+    torch.testing.assert_close(far, grids[0].distance(places), atol=1e-7, rtol=0)
+    task = made(o, "walk in a mesh", scene=there)
+    (frame,) = task.build().doubts
+    assert "frame" in frame and run(task, generator=tiny.TinyGenerator()).report["scene"]["doubts"] == [frame]
+
+
 def test_errors_say_in_which_frame_places_are() -> None:
     o = FAR[0]
-    with pytest.raises(UserError, match=r"start \[1.50, 2.00\] is inside .*stated in the frame .*\[500000.0, 0.0, 45"):
+    with pytest.raises(
+        UserError, match=r"start \[500001.50, 4500002.00\] is inside .* a frame that begins at \[500000.0,"
+    ):
         made(o, "tracks and regions", start=[1.5 + o[0], 2.0 + o[2]]).build()
 
 

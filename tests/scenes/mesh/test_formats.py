@@ -139,6 +139,33 @@ def box_stl(count: int | None = None, head: bytes = b"solid by some CAD tool") -
     return head.ljust(80, b" ") + struct.pack("<I", 12 if count is None else count) + rows
 
 
+STRIPS = [[0, 1, 2, 3, 4], [0, 1, 2, -1, 3, 4, 5, 6, -1, -1, 1, 2], [7, 6, 5], [], [-1], [2, 3, 3, 4, 5]]
+UNROLLED = [
+    [0, 1, 2], [1, 3, 2], [2, 3, 4], [0, 1, 2], [3, 4, 5], [4, 6, 5], [7, 6, 5], [2, 3, 3], [3, 4, 3], [3, 4, 5],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("rows", [STRIPS, STRIPS[1:2]], ids=["several", "one"])
+def test_strips_of_a_ply_are_unrolled(tmp_path: Path, form: str, rows: list[list[int]]) -> None:
+    text = header(form, VERTICES, rows).replace(b"element face", b"element tristrips").partition(b"property float qu")
+    data, order = text[0].replace(b"uchar int", b"int int") + b"end_header\n", "<" if "little" in form else ">"
+    if form == "ascii":
+        lines = [" ".join(map(repr, map(float, v))) + " 7" for v in VERTICES]
+        data += "\n".join(lines + [" ".join(map(str, [len(row), *row])) for row in rows]).encode()
+    else:
+        data += b"".join(struct.pack(f"{order}3dB", *v, 7) for v in VERTICES)
+        data += b"".join(struct.pack(f"{order}{len(row) + 1}i", len(row), *row) for row in rows)
+    expected = UNROLLED if len(rows) > 1 else UNROLLED[3:6]
+    assert np.array_equal(read(tmp_path, "ply", data), VERTICES[expected])
+    with pytest.raises(UserError, match="vertices beyond"):
+        read(
+            tmp_path,
+            "ply",
+            data.replace(struct.pack(order + "i", 6), struct.pack(order + "i", -2)).replace(b" 6 ", b" -2 "),
+        )
+
+
 @pytest.mark.parametrize("tail", [b"", b"\0", b"\n", b"a footer of some tool", bytes(500), b"solid"])
 @pytest.mark.parametrize("head", [b"solid x", b"", b"\0\0", b"binary stl"])
 def test_bytes_after_a_binary_stl_are_passed_over(tmp_path: Path, tail: bytes, head: bytes) -> None:
@@ -198,6 +225,14 @@ def test_foreign_files_are_one_sentence(tmp_path: Path, ending: str, noise: byte
     with pytest.raises(UserError) as told:
         load_mesh(tmp_path / f"a.{ending}")
     assert "\n" not in str(told.value) and f"a.{ending}" in str(told.value)
+
+
+@pytest.mark.parametrize("ending", ["glb", "obj", "off", "ply", "ply text"])
+def test_another_format_under_the_name_of_stl_is_not_called_cut_off(tmp_path: Path, ending: str) -> None:
+    with pytest.raises(UserError, match="is no STL and cannot be read"):
+        read(tmp_path, "stl", whole(ending))
+    with pytest.raises(UserError, match="it holds 134 of 50000084 bytes"):
+        read(tmp_path, "stl", bytes(80) + struct.pack("<I", 10**6) + bytes(50))
 
 
 @settings(max_examples=60, deadline=None)

@@ -342,6 +342,19 @@ def test_fallbacks_of_compression_are_read(tmp_path: Path) -> None:
     assert volume(load_mesh(file.save(tmp_path / "b.glb"))) == pytest.approx(8.0)
 
 
+@pytest.mark.parametrize("required", [True, False])
+def test_invisible_nodes_are_left_out_with_all_below_them(tmp_path: Path, required: bool) -> None:
+    def shown(visible: bool) -> dict[str, Any]:
+        return {"extensions": {"KHR_node_visibility": {"visible": visible}}}
+
+    file = boxes({"name": "a"}, {**shown(True), "name": "b"}, {**shown(False), "children": [3]}, {"name": "below"})
+    file.facts["scenes"][0]["nodes"] = [0, 1, 2]
+    file.facts["extensionsUsed"] = ["KHR_node_visibility"]
+    if required:
+        file.facts["extensionsRequired"] = ["KHR_node_visibility"]
+    assert set(load_parts(file.save(tmp_path / "a.glb"))) == {"a", "b"}
+
+
 def test_what_is_wrong_is_one_sentence(tmp_path: Path) -> None:
     def refused(sentence: str, **facts: Any) -> None:
         file = boxes()
@@ -358,6 +371,9 @@ def test_what_is_wrong_is_one_sentence(tmp_path: Path) -> None:
     refused("there is no mesh 4", nodes=[{"mesh": 4}])
     refused("NaN or infinite", nodes=[{"mesh": 0, "translation": [math.nan, 0, 0]}])
     refused("not glTF 2.0", asset={"version": "1.0"})
+    for key, value in (("componentType", 5131), ("componentType", None), ("type", "MAT7")):
+        accessors = [{**accessor, key: value} for accessor in boxes().facts["accessors"]]
+        refused(rf"accessor \d has the {key} {value}, and glTF 2.0 knows ", accessors=accessors)
 
 
 def test_a_mesh_on_a_skeleton_is_doubted_in_a_scene(tmp_path: Path) -> None:

@@ -95,8 +95,9 @@ def test_bad_files_are_one_sentence(tmp_path: Path) -> None:
 
     with pytest.raises(UserError, match="does not exist"):
         load_mesh(tmp_path / "none.glb")
-    with pytest.raises(UserError, match="does not exist"):
-        load_mesh(tmp_path)
+    (tmp_path / "folder.glb").mkdir()
+    with pytest.raises(UserError, match=r"folder.glb' is a folder; give a file in it"):
+        load_mesh(tmp_path / "folder.glb")
     refused("a.plx", b"", "unknown format 'plx'", "did you mean 'ply'")
     refused("a.glb", b"not a mesh at all", "cannot be read")
     refused("b.ply", b"ply\nformat ascii 1.0\nelement vertex 9\n", "b.ply")

@@ -95,8 +95,9 @@ def test_another_frame_changes_coordinates_and_nothing_else(origin: Place, floor
     np.testing.assert_allclose(again.distance_exact(where.numpy()), here.distance_exact(where.numpy()), atol=1e-6)
     assert replace(again.baking, free_space=seed) == here.baking and np.allclose(again.baking.free_space, seed)
     assert again.stated_floor == floor and again.name == here.name and again.objects[0].trajectory == cart.trajectory
-    assert here.seen_from(HOME) is here and here.doubts == ()
-    assert [doubt for doubt in seen.doubts if str(list(origin)) in doubt and "frame" in doubt]
+    assert here.seen_from(HOME) is here
+    frame, *others = seen.doubts
+    assert str(list(origin)) in frame and "frame" in frame and tuple(others) == here.doubts
 
 
 def test_the_middle_is_that_of_meshes_or_else_of_shapes() -> None:
@@ -121,6 +122,32 @@ def test_the_floor_is_stated_or_found() -> None:
     found = Scene([walls()], resolution=16, cache=None)
     assert found.floor.found and found.floor.height == pytest.approx(0.0, abs=0.02)
     assert len(found.fields) == 1
+
+
+@pytest.mark.parametrize("offset", [0.0, 700.0])
+@pytest.mark.parametrize("height", [-1.0, -0.11, -0.09, 0.0, 0.09, 0.3, 9.0])
+def test_a_stated_floor_that_no_mesh_has_is_in_doubt(height: float, offset: float) -> None:
+    here = Scene([walls()], floor=height, resolution=24, cache=None)
+    doubts = here.seen_from((0.0, offset, 0.0)).doubts if offset else here.doubts
+    told = [doubt for doubt in doubts if "the floor is stated" in doubt]
+    near = abs(height) <= 0.1
+    assert len(told) == (not near)
+    assert near or f"stated at {height:g} m, but that of the mesh lies at 0.000 m" in told[0]
+
+
+def test_a_floor_under_furniture_or_on_any_storey_is_none_of_doubt() -> None:
+    legs = [Box((x, 0.35, z), (0.05, 0.7, 0.05)).mesh() for x in (-0.5, 0.5) for z in (-0.5, 0.5)]
+    table = [Box((0, 0.75, 0), (1.2, 0.1, 1.2)).mesh(), *legs]
+    shelf = Box((0, -0.6, 0), (4.0, 0.2, 3.0)).mesh()  # walls() stands on it, a storey higher
+    for scene in (
+        Scene(table, floor=0.0, resolution=24, cache=None),
+        Scene([walls()], [Box((0, 0.2, 0), (2.0, 0.4, 2.0))], 0.4, resolution=24, cache=None),
+        Scene([walls()], resolution=24, cache=None),
+        Scene([Mesh(shelf.vertices, shelf.faces, "shelf")], floor=-0.5, resolution=24, cache=None),
+        Scene.empty(3.0),
+        *(bundled(name, resolution=48, cache=None) for name in bundled_names()),
+    ):
+        assert not [doubt for doubt in scene.doubts if "the floor is stated" in doubt]
 
 
 def test_bounds_hold_meshes_shapes_and_the_ways_of_moving_ones() -> None:
