@@ -1,0 +1,106 @@
+"""Ground that rises and falls under a motion: generators make motions on level ground, and a path tells how it lies.
+
+Without it, a generator's body stays at the height of its start: going up, the scene pushes it; going down, nothing does,
+and a search stretches or folds legs instead. Like moves of a free start, generators know nothing of this.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from objectives import Objective
+from objectives.library.paths import risen
+from scenectl.generators.base import Price, Step
+from scenes.motion.motion import Motion
+
+
+@dataclass(frozen=True)
+class Rise:
+    """How much higher or lower than at its beginning a path lies where a body is.
+
+    Attributes:
+        path: what `follow_path` was told, its `height` included.
+    """
+
+    path: dict[str, object]
+
+    @classmethod
+    def of(cls, objective: Objective) -> Rise | None:
+        """Of the first goal that keeps a height over a path; None where none does."""
+        found = (t.parameters for t in objective.counted if t.spec.name == "follow_path")
+        return next((cls(dict(given)) for given in found if given.get("height") is not None), None)
+
+    def at(self, motion: Motion) -> Float[Tensor, "*b T"]:
+        """Metres, differentiable in the motion."""
+        return risen(motion, **self.path)  # type: ignore[arg-type]
+
+    def under(self, motion: Motion) -> Motion:
+        """The motion with whole bodies lifted, so that their limbs stay as they are."""
+        up = motion.joints.new_tensor([0.0, 1.0, 0.0])
+        return replace(motion, joints=motion.joints + self.at(motion)[..., None, None] * up)
+
+
+@dataclass(frozen=True)
+class RisenStep:
+    """A step over ground that rises and falls.
+
+    Attributes:
+        inner: the step as its generator made it, on level ground.
+        rise: of the ground.
+    """
+
+    inner: Step
+    rise: Rise
+
+    @property
+    def value(self) -> Float[Tensor, "S *v"]:
+        return self.inner.value
+
+    def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
+        return self.rise.under(self.inner.decode(value))
+
+    def at(self, value: Float[Tensor, "S *v"]) -> RisenStep:
+        return RisenStep(self.inner.at(value), self.rise)
+
+    def take(self, samples: Int[Tensor, " s"]) -> RisenStep:
+        return RisenStep(self.inner.take(samples), self.rise)
+
+    @cached_property
+    def motion(self) -> Motion:
+        with torch.no_grad():
+            return self.rise.under(self.inner.motion)
+
+    @property
+    def price(self) -> Price:
+        return self.inner.price
+
+    @property
+    def unit(self) -> float:
+        return self.inner.unit
+
+    def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
+        level = self.inner.jvp(tangent)
+        higher = (self._slope * level).sum((-2, -1))
+        return level + higher[..., None, None] * level.new_tensor([0.0, 1.0, 0.0])
+
+    def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S *v"]:
+        return self.inner.vjp(self._level(cotangent))
+
+    def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S *v"]:
+        return self.inner.vjps(self._level(cotangents))
+
+    def _level(self, cotangents: Float[Tensor, "*r S T J 3"]) -> Float[Tensor, "*r S T J 3"]:
+        return cotangents + cotangents[..., 1].sum(-1)[..., None, None] * self._slope
+
+    @cached_property
+    def _slope(self) -> Float[Tensor, "S T J 3"]:
+        """How much higher the ground gets as each joint moves."""
+        joints = self.inner.motion.joints.detach().requires_grad_(True)
+        with torch.enable_grad():
+            (slope,) = torch.autograd.grad(self.rise.at(replace(self.inner.motion, joints=joints)).sum(), joints)
+        return slope
