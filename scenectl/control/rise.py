@@ -16,12 +16,14 @@ from torch import Tensor
 from objectives import Objective
 from objectives.library.paths import risen
 from scenectl.generators.base import Price, Step
+from scenectl.generators.steps import pullback
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import FEET
 
 
 @dataclass(frozen=True)
 class Rise:
-    """How much higher or lower than at its beginning a path lies where a body is.
+    """How much higher or lower than at its beginning a path lies under a body.
 
     Attributes:
         path: what `follow_path` was told, its `height` included.
@@ -35,14 +37,14 @@ class Rise:
         found = (t.parameters for t in objective.counted if t.spec.name == "follow_path")
         return next((cls(dict(given)) for given in found if given.get("height") is not None), None)
 
-    def at(self, motion: Motion) -> Float[Tensor, "*b T"]:
-        """Metres, differentiable in the motion."""
-        return risen(motion, **self.path)  # type: ignore[arg-type]
-
     def under(self, motion: Motion) -> Motion:
-        """The motion with whole bodies lifted, so that their limbs stay as they are."""
-        up = motion.joints.new_tensor([0.0, 1.0, 0.0])
-        return replace(motion, joints=motion.joints + self.at(motion)[..., None, None] * up)
+        """The motion with whole bodies lifted, so that limbs stay as they are, onto the higher of the grounds under feet.
+
+        Steps are walls to a foot that is too low, and out of walls no search leads; a foot that is too high is let down.
+        """
+        feet = [risen(motion, **{**self.path, "joint": foot}) for foot in FEET]  # type: ignore[arg-type]
+        lift = torch.maximum(*feet)[..., None, None] * motion.joints.new_tensor([0.0, 1.0, 0.0])
+        return replace(motion, joints=motion.joints + lift)
 
 
 @dataclass(frozen=True)
@@ -84,23 +86,26 @@ class RisenStep:
         return self.inner.unit
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
-        level = self.inner.jvp(tangent)
-        higher = (self._slope * level).sum((-2, -1))
-        return level + higher[..., None, None] * level.new_tensor([0.0, 1.0, 0.0])
+        dummy, pulled = self._pullback
+        (joints,) = torch.autograd.grad(pulled, dummy, self.inner.jvp(tangent), retain_graph=True)
+        return joints
 
     def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S *v"]:
-        return self.inner.vjp(self._level(cotangent))
+        return self.inner.vjp(self._level(cotangent[None])[0])
 
     def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S *v"]:
         return self.inner.vjps(self._level(cotangents))
 
-    def _level(self, cotangents: Float[Tensor, "*r S T J 3"]) -> Float[Tensor, "*r S T J 3"]:
-        return cotangents + cotangents[..., 1].sum(-1)[..., None, None] * self._slope
+    def _risen(self, joints: Float[Tensor, "*b T J 3"]) -> Float[Tensor, "*b T J 3"]:
+        return self.rise.under(replace(self.inner.motion, joints=joints, valid=None)).joints
+
+    def _level(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S T J 3"]:
+        """Gradients in the joints on level ground."""
+        joints = self.inner.motion.joints.expand(cotangents.shape).detach().requires_grad_(True)
+        with torch.enable_grad():
+            risen = self._risen(joints)
+        return torch.autograd.grad(risen, joints, cotangents)[0]
 
     @cached_property
-    def _slope(self) -> Float[Tensor, "S T J 3"]:
-        """How much higher the ground gets as each joint moves."""
-        joints = self.inner.motion.joints.detach().requires_grad_(True)
-        with torch.enable_grad():
-            (slope,) = torch.autograd.grad(self.rise.at(replace(self.inner.motion, joints=joints)).sum(), joints)
-        return slope
+    def _pullback(self) -> tuple[Tensor, Tensor]:
+        return pullback(self._risen, self.inner.motion.joints)

@@ -67,9 +67,13 @@ class Setup:
         taken = np.zeros(0) if self.path is None else climbs(self.path, STEP)
         if not len(taken):
             return self.scene.doubts
-        count = f"{len(taken)} step{'s' if len(taken) > 1 else ''}"
-        walk = f"the walk climbs {count} of up to {np.abs(taken).max():.2f} m, as no level way exists"
-        return (*self.scene.doubts, walk)
+        ways = ((taken[taken > 0], "up"), (taken[taken < 0], "down"))
+        told = (
+            f"{len(some)} step{'s' if len(some) > 1 else ''} {way} of up to {np.abs(some).max():.2f} m"
+            for some, way in ways
+            if len(some)
+        )
+        return (*self.scene.doubts, f"the walk takes {' and '.join(told)}, as no level way exists")
 
 
 def plan(

@@ -22,6 +22,9 @@ __all__ = ["CLIMB", "COMFORT", "OPEN", "SPACING", "STEP", "FreeArea", "Place", "
 Place: TypeAlias = Sequence[float] | Sequence[int] | np.ndarray
 """A point of the ground: x and z, metres, world; or x, y and z, where y tells storeys apart."""
 
+OFF = 0.25
+"""Metres that a stated height may be off the ground: more than a step up to `CLIMB`, less than the seat of a chair."""
+
 _CELLS = 16_000_000  # largest map: 200 x 200 m in cells of 5 cm
 
 
@@ -148,7 +151,7 @@ class FreeArea:
         sheets, at = list(enumerate(self.sheets)), f"({end[0]:.2f}, {end[-1]:.2f})"
         if len(end) == 3 and np.isfinite(heights).any():
             off = np.nan_to_num(np.abs(heights - end[1]), nan=np.inf)
-            if off.min() > ROOM / 2:
+            if off.min() > OFF:
                 known = " and ".join(f"{height:.2f}" for height in heights if np.isfinite(height))
                 raise UserError(
                     f"path {name} {at} has no ground at a height of {end[1]:.2f} m; it is at {known} m there"
