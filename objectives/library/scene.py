@@ -155,8 +155,8 @@ def foot_contact(
 def foot_heights(points: Float[Tensor, "*b T n 3"], motion: Motion, context: Context) -> Float[Tensor, "*b T n"]:
     """Height of foot joints over what is under them less the offset of the sole, m: about 0 for a resting foot.
 
-    That is the distance to the scene where what is nearest can be stood on: floors, slopes, and things that move. Walls,
-    risers and edges hold nobody; beside them it is the height over the ground, where the scene knows it.
+    That is the distance to the scene where what is nearest can be stood on: floors, slopes, and things that move.
+    Walls, risers and edges hold nobody; beside them it is the height over the ground, where the scene knows it.
     """
     room, ground = context.scene.distance(points, motion.times[:, None]), context.ground_under(points)
     if ground is None:

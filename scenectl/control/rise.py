@@ -1,7 +1,7 @@
 """Ground that rises and falls under a motion: generators make motions on level ground, and a path tells how it lies.
 
-Without it, a generator's body stays at the height of its start: going up, the scene pushes it; going down, nothing does,
-and a search stretches or folds legs instead. Like moves of a free start, generators know nothing of this.
+Without it, a generator's body stays at the height of its start: going up, the scene pushes it; going down, nothing
+does, and a search stretches or folds legs instead. Like moves of a free start, generators know nothing of this.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class Rise:
         return next((cls(dict(given)) for given in found if given.get("height") is not None), None)
 
     def under(self, motion: Motion) -> Motion:
-        """The motion with whole bodies lifted, so that limbs stay as they are, onto the higher of the grounds under feet.
+        """The motion with whole bodies, whose limbs stay as they are, on the higher of the grounds under their feet.
 
-        Steps are walls to a foot that is too low, and out of walls no search leads; a foot that is too high is let down.
+        Steps are walls to a foot that is too low, and out of walls no search leads; one that is too high is let down.
         """
         feet = [risen(motion, **{**self.path, "joint": foot}) for foot in FEET]  # type: ignore[arg-type]
         lift = torch.maximum(*feet)[..., None, None] * motion.joints.new_tensor([0.0, 1.0, 0.0])
@@ -97,7 +97,8 @@ class RisenStep:
         return self.inner.vjps(self._level(cotangents))
 
     def _risen(self, joints: Float[Tensor, "*b T J 3"]) -> Float[Tensor, "*b T J 3"]:
-        return self.rise.under(replace(self.inner.motion, joints=joints, valid=None)).joints
+        level = self.inner.motion
+        return self.rise.under(Motion(joints, fps=level.fps, t0=level.t0, skeleton=level.skeleton)).joints
 
     def _level(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S T J 3"]:
         """Gradients in the joints on level ground."""

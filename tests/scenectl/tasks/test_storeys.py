@@ -100,6 +100,34 @@ def test_a_person_climbs_the_steps_onto_the_platform() -> None:
     assert result.report["scene"]["doubts"][-1].startswith("the walk takes 4 steps up")
 
 
+def test_people_walk_down_a_slope_as_well_as_up() -> None:
+    scene, ends = ramp(10.0), ([0.0, 4.0], [0.0, -1.5])
+    for start, to in (ends, ends[::-1]):
+        task = Task(prompt="a person walks forward", scene=scene, start=start, walk={"to": to}, goals=GOALS)
+        result = run(task, samples=2)
+        assert all(row.met for row in result.samples)
+        soles = result.motion.select(FEET)
+        over = soles[..., 1] - scene.ground_under(soles) - SOLE
+        assert over.amin(-1).max() < 0.07 and over.min() > -0.03
+
+
+def test_people_walk_down_steps() -> None:
+    scene = steps(0.17, 4, 0.3)
+    task = Task(prompt="a person walks forward", scene=scene, start=[0.0, 2.6], walk={"to": [0.0, -1.5]}, goals=GOALS)
+    result = run(task, samples=4)
+    motion = result.motion[0]
+    feet = motion.select(FEET)
+    over = feet[..., 1] - scene.ground_under(feet) - SOLE
+    assert over.amin(-1).max() < 0.12 and float(motion.joint("pelvis")[-1, 1]) == pytest.approx(0.95, abs=0.1)
+    assert result.setup.doubts[-1].startswith("the walk takes 4 steps down of up to 0.17 m")
+
+
+def test_a_start_is_sampled_on_the_storey_of_the_target() -> None:
+    for seed in range(4):  # without stairs nobody gets there from below
+        task = Task(prompt="x", scene=storeys(stairs=False), start="sample", walk={"to": [0.0, 2.72, -1.0]}, seed=seed)
+        assert task.build().start.position[1] == pytest.approx(2.72 + SOLE, abs=1e-3)
+
+
 @pytest.mark.parametrize("y", [0.0, 2.72])
 def test_soles_are_measured_over_the_storey_that_one_stands_on(y: float, tiny: object) -> None:
     joints = tiny.statue().expand(5, 22, 3).clone()  # type: ignore[attr-defined]
