@@ -6,6 +6,7 @@ does, and a search stretches or folds legs instead. Like moves of a free start, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +20,9 @@ from scenectl.generators.base import Price, Step
 from scenectl.generators.steps import pullback
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET
+
+_SOFT = 0.05
+"""Metres over which the higher ground passes from foot to foot, so that bodies don't jerk; none on level ground."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,9 @@ class Rise:
 
         Steps are walls to a foot that is too low, and out of walls no search leads; one that is too high is let down.
         """
-        feet = [risen(motion, **{**self.path, "joint": foot}) for foot in FEET]  # type: ignore[arg-type]
-        lift = torch.maximum(*feet)[..., None, None] * motion.joints.new_tensor([0.0, 1.0, 0.0])
+        feet = torch.stack([risen(motion, **{**self.path, "joint": foot}) for foot in FEET])  # type: ignore[arg-type]
+        higher = _SOFT * (torch.logsumexp(feet / _SOFT, dim=0) - math.log(len(FEET)))
+        lift = higher[..., None, None] * motion.joints.new_tensor([0.0, 1.0, 0.0])
         return replace(motion, joints=motion.joints + lift)
 
 

@@ -32,6 +32,7 @@ from scenes.sdf.signs import UNCERTAIN
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled
 from tests.scenes.mesh.test_gltf import boxes
+from tests.scenes.world.floor.grounds import storeys
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -305,13 +306,12 @@ def test_surfaces_face_outwards() -> None:
 
 
 def test_marks_lie_on_the_storey_of_the_person(tiny: ModuleType) -> None:
-    upper = Scene(primitives=[Box((0.0, 2.6, 0.0), (6.0, 0.2, 6.0))], floor=0.0)
-    for y in (0.0, 2.7):
-        motion = tiny.statue() + torch.tensor([0.5, y, 0.0])
-        goals = Objective((Term("joint_target", {"joint": "pelvis", "position": [0.5, 1.0]}, at=0.0),))
-        picture = Picture(upper, Motion(motion.expand(5, 22, 3)), objective=goals)
+    for y in (0.0, 2.72):
+        motion = tiny.statue() + torch.tensor([0.5, y, -1.0])
+        goals = Objective((Term("joint_target", {"joint": "pelvis", "position": [0.5, -0.5]}, at=0.0),))
+        picture = Picture(storeys(), Motion(motion.expand(5, 22, 3)), objective=goals)
         (mark,) = picture.marks
-        assert places(mark, picture.ground)[0] == pytest.approx([0.5, y + 0.02, 1.0], abs=1e-3)
+        assert places(mark, picture.ground)[0] == pytest.approx([0.5, y + 0.02, -0.5], abs=1e-3)
         assert picture.hip_height == pytest.approx(y + 0.9, abs=1e-3)
 
 
