@@ -28,11 +28,11 @@ def foot_skating(
     """Keep feet that are near the ground from sliding over it.
 
     Residual: horizontal velocity of the foot from one frame to the next, m/s, beyond `allowed`, where the foot is
-    within `height` of the scene at both. After GMD's skating ratio (height 0.05 m, skating from 0.5 m/s, which is the
+    within `height` of the ground at both. After GMD's skating ratio (height 0.05 m, skating from 0.5 m/s, which is the
     tolerance here); the gate is hard, so the gradient never lifts a foot to escape it.
 
     Args:
-        height: a foot closer to the scene than this is on the ground, m (measured at the sole).
+        height: a foot lower over the ground than this stands on it, m (measured at the sole).
         allowed: speed that a standing foot may have while it rolls, m/s.
         feet: the foot joints.
     """
@@ -68,7 +68,7 @@ def foot_clearance(
     points = motion.select(feet)
     moved = length(points[..., ::2].diff(dim=-3))
     share = (moved * motion.fps - speed).clamp(0.0, 1.0)
-    over = foot_heights(points, motion, context)
+    over = context.scene.distance(points, motion.times[:, None]) - context.body.sole_offset
     low = (height - torch.maximum(over[..., 1:, :], over[..., :-1, :])).clamp_min(0.0) * share
     return _by_step(low, motion, feet, points)
 

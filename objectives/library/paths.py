@@ -78,8 +78,7 @@ def follow_path(
     if begin is not None or end is not None:
         if begin is None or end is None or end <= begin:
             raise UserError("a schedule needs 'begin' and a later 'end'")
-        along = ((motion.times - begin) / (end - begin)).clamp(0, 1)
-        along = along * along * (3 - 2 * along) if pace == "ease" else along
+        along = _passed(motion, begin, end, pace)
         scheduled = path_point(flat, along)
         parts.append(beyond(place[..., ::2] - scheduled, lag))
         labels.append(f"{joint} (schedule)")
@@ -102,6 +101,28 @@ def follow_path(
         torch.cat(parts, dim=-1), sizes=tuple(part.shape[-1] for part in parts), labels=labels, joints=[joint] * count,
         points=points, targets=drawn, marks=marks,
     )  # fmt: skip
+
+
+def risen(
+    motion: Motion,
+    *,
+    path: list[Point],
+    begin: float | None = None,
+    end: float | None = None,
+    pace: str = "constant",
+    joint: str = "pelvis",
+    **_: object,
+) -> Float[Tensor, "*b T"]:
+    """How much higher (m) than at its beginning a path lies under a joint; parameters as `follow_path` takes them."""
+    vertices = motion.joints.new_tensor(_vertices(path))
+    along = None if begin is None or end is None else _passed(motion, begin, end, pace)
+    return path_height(motion.joint(joint)[..., ::2], vertices, along) - vertices[0, 1]
+
+
+def _passed(motion: Motion, begin: float, end: float, pace: str) -> Float[Tensor, " T"]:
+    """The share of a path's length that a schedule has passed at every frame."""
+    along = ((motion.times - begin) / (end - begin)).clamp(0, 1)
+    return along * along * (3 - 2 * along) if pace == "ease" else along
 
 
 def _vertices(path: list[FloorPoint] | list[Point]) -> list[tuple[float, float, float]]:

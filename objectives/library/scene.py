@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -14,6 +16,11 @@ from objectives.registry import Masked, goal
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Motion
 from scenes.world.contact import swept_clearance
+
+_PROBE = 0.01
+"""Metres further up at which a foot is asked about again, to tell whether what is nearest lies under it."""
+_UPWARD = math.cos(math.radians(25.0))
+"""Share of that by which it is then further from ground: of slopes up to 20 degrees, and 5 for distances on a grid."""
 
 
 @goal(unit="m", kernel="linear", reduction="mean", tolerance=0.02)
@@ -131,7 +138,8 @@ def foot_contact(
     """Keep at least one foot near the ground, so that the person does not float.
 
     MSCoT Eq. 47 and 48: phi_foot = min over the feet of phi(x_j), L = 1/T sum_t max(0, phi_foot - tau). The sole's
-    offset is taken off phi, so that the lowest foot joint of a person at rest reads about 0.
+    offset is taken off phi, so that the lowest foot joint of a person at rest reads about 0. Where what is nearest is a
+    wall, a riser or an edge, which hold nobody, phi is the height over the ground (`foot_heights`).
 
     Args:
         threshold: tau, m; the paper states no value. 0.05 because HumanML3D's foot joints are 0.048 m above the lowest
@@ -145,5 +153,15 @@ def foot_contact(
 
 
 def foot_heights(points: Float[Tensor, "*b T n 3"], motion: Motion, context: Context) -> Float[Tensor, "*b T n"]:
-    """Distance from foot joints to the scene less the offset of the sole, m: about 0 for a resting foot."""
-    return context.scene.distance(points, motion.times[:, None]) - context.body.sole_offset
+    """Height of foot joints over what is under them less the offset of the sole, m: about 0 for a resting foot.
+
+    That is the distance to the scene where what is nearest can be stood on: floors, slopes, and things that move.
+    Walls, risers and edges hold nobody; beside them it is the height over the ground, where the scene knows it.
+    """
+    room, ground = context.scene.distance(points, motion.times[:, None]), context.ground_under(points)
+    if ground is None:
+        return room - context.body.sole_offset
+    with torch.no_grad():
+        higher = context.scene.distance(points + points.new_tensor([0.0, _PROBE, 0.0]), motion.times[:, None])
+        holds = higher - room > _PROBE * _UPWARD
+    return torch.where(holds, room, points[..., 1] - ground) - context.body.sole_offset

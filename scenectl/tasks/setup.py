@@ -67,9 +67,13 @@ class Setup:
         taken = np.zeros(0) if self.path is None else climbs(self.path, STEP)
         if not len(taken):
             return self.scene.doubts
-        count = f"{len(taken)} step{'s' if len(taken) > 1 else ''}"
-        walk = f"the walk climbs {count} of up to {np.abs(taken).max():.2f} m, as no level way exists"
-        return (*self.scene.doubts, walk)
+        ways = ((taken[taken > 0], "up"), (taken[taken < 0], "down"))
+        told = (
+            f"{len(some)} step{'s' if len(some) > 1 else ''} {way} of up to {np.abs(some).max():.2f} m"
+            for some, way in ways
+            if len(some)
+        )
+        return (*self.scene.doubts, f"the walk takes {' and '.join(told)}, as no level way exists")
 
 
 def plan(
@@ -127,13 +131,14 @@ def _place(
     if task.walk is None:
         x, z = (float(value) for value in area.sample(1, rng, 0.4)[0])
         return x, _ground(scene, x, z), z
-    for x, z in area.sample(64, rng, task.walk.radius).tolist():
-        place = (x, _ground(scene, x, z), z)
+    storeys = sorted({0, area.storey(task.walk.to, task.walk.radius)}, reverse=True)
+    tries = [(k, *place) for k in storeys for place in area.sample(64, rng, task.walk.radius, k).tolist()]
+    for storey, x, z in tries:
+        ground = float(area.sheets[storey].ground(np.array([[x, z]]))[0]) if storey else _ground(scene, x, z)
+        place = (x, ground, z)
         try:
             length = walked(task.walk.path(area, place))
         except UserError:
-            if not area.free(task.walk.to, task.walk.radius):
-                raise  # the target itself is the trouble, no start will help
             continue
         if 1.0 <= length <= 0.75 * FASTEST_WALK * min(task.seconds or window, window):
             return place

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,9 @@ from scenectl.view.stage import ROUND
 if TYPE_CHECKING:
     from pyvista import Plotter
 
+Ground = Callable[[np.ndarray], np.ndarray]
+"""Heights (m) of the ground at points ``[P, 3]``, of which x and z count."""
+
 GOAL, WAY, OBSTACLE = (200, 50, 43), (47, 125, 107), (122, 94, 168)
 LIFT = 0.02
 """Metres by which what lies on the floor is raised, so that it shows."""
@@ -22,17 +25,17 @@ _LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
 """Radii (m) of lines and of the dot in a ring, and the least of a ring: seen from across a room."""
 
 
-def draw_marks(stage: Plotter, marks: Sequence[Mark], floor: float) -> None:
-    """Draw those marks that stand still; `floor` is the height (m) of what states none."""
+def draw_marks(stage: Plotter, marks: Sequence[Mark], ground: Ground) -> None:
+    """Draw those marks that stand still; `ground` tells the height of what states none."""
     for mark in (mark for mark in marks if not _moves(mark)):
-        _draw(stage, mark, places(mark, floor))
+        _draw(stage, mark, places(mark, ground))
 
 
-def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], floor: float, times: Sequence[float]) -> None:
+def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], ground: Ground, times: Sequence[float]) -> None:
     """Draw those marks that move in place of where they were: at some times (s), pale at first and solid at last."""
     for k, mark in enumerate(marks):
         for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if _moves(mark) else ():
-            _draw(stage, mark, places(mark, floor, time), share, f"mark {k} {i}")
+            _draw(stage, mark, places(mark, ground, time), share, f"mark {k} {i}")
 
 
 def _moves(mark: Mark) -> bool:
@@ -49,11 +52,11 @@ def shares(count: int) -> list[float]:
     return np.linspace(1.0, 0.0, count)[::-1].tolist()
 
 
-def places(mark: Mark, floor: float, time: float = 0.0) -> np.ndarray:
-    """Points of a mark at a time (s), ``[P, 3]`` m; those without a height a little over the floor."""
+def places(mark: Mark, ground: Ground, time: float = 0.0) -> np.ndarray:
+    """Points of a mark at a time (s), ``[P, 3]`` m; those without a height a little over the ground."""
     now = mark.points if mark.times is None else mark.points[(mark.times - time).abs().argmin()]
     points: np.ndarray = now.detach().cpu().double().numpy().copy()
-    points[..., 1] = np.where(np.isnan(points[..., 1]), floor + LIFT, points[..., 1])
+    points[..., 1] = np.where(np.isnan(points[..., 1]), ground(points) + LIFT, points[..., 1])
     return points
 
 

@@ -98,7 +98,7 @@ class Picture:
         self.room.draw(stage, camera, probes, GLASS if show_signs else 1.0)
         if self.path is not None:
             draw_line(stage, self.path + np.array([0.0, LIFT, 0.0]), WAY, 0.015)
-        draw_marks(stage, self.marks, self.scene.floor.height)
+        draw_marks(stage, self.marks, self.ground)
         if self.title:
             stage.add_text(self.title, position=(0.015, 0.945), viewport=True, font_size=12, color=INK)
         if show_signs:
@@ -107,7 +107,7 @@ class Picture:
     def draw_moving(self, stage: Plotter, times: Sequence[float]) -> None:
         """What moves of the scene and the goals, in place of where it was: where it is at some times (s)."""
         self.room.draw_moving(stage, times)
-        draw_moving_marks(stage, self.marks, self.scene.floor.height, times)
+        draw_moving_marks(stage, self.marks, self.ground, times)
 
     # ---- what is shown when -----------------------------------------------------------------------------------
 
@@ -139,7 +139,24 @@ class Picture:
     @property
     def hip_height(self) -> float:
         """Height (m) of the slice."""
-        return self.scene.floor.height + 0.9
+        return self.level + 0.9
+
+    @property
+    def level(self) -> float:
+        """Height (m) of the ground that the person begins on; the floor's without one."""
+        return self.scene.floor.height if self.motion is None else float(self.ground(self.joints(0)[:1])[0])
+
+    def ground(self, points: np.ndarray) -> np.ndarray:
+        """Height (m) of the ground at points ``[P, 3]``: of the storey that the person is on where nearest to them."""
+        if self.motion is None:
+            return np.full(len(points), self.scene.floor.height)
+        from scipy.spatial import KDTree
+
+        pelvis = self.motion.joint("pelvis").detach().cpu().double().numpy()
+        _, nearest = KDTree(pelvis[:, [0, 2]]).query(points[:, [0, 2]])
+        places = np.stack([points[:, 0], pelvis[nearest, 1], points[:, 2]], axis=1)
+        heights: np.ndarray = self.scene.ground_under(torch.from_numpy(places)).numpy()
+        return heights
 
     def time(self, frame: int) -> float:
         """Seconds on the task's clock."""
@@ -167,7 +184,7 @@ class Picture:
         if self.path is not None:
             wanted.append(self.path[::10])
         spots = [mark for mark in self.marks if mark.role == "goal" and mark.shape in ("ball", "ring")]
-        wanted += [places(mark, self.scene.floor.height) for mark in spots]
+        wanted += [places(mark, self.ground) for mark in spots]
         points = np.concatenate(wanted)
         return choose(points[np.isfinite(points).all(axis=1)], sight, along, aspect)
 
@@ -208,13 +225,15 @@ class Picture:
         return distance
 
     def _draw_shadow(self, stage: Plotter, poses: list[int]) -> None:
-        from pyvista import RectilinearGrid
+        from pyvista import StructuredGrid
 
         assert self.motion is not None
         samples, radii = self.body.points(self.motion)
         bodies, strengths = [samples[f].double().numpy() for f in poses], [0.22 + 0.28 * s for s in shares(len(poses))]
-        x, z, dark = soft_shadow(bodies, radii.numpy(), strengths)
-        grid = RectilinearGrid(x, [self.scene.floor.height + 0.012], z)
+        over = [body - [0.0, self.ground(body[:1])[0], 0.0] for body in bodies]
+        x, z, dark = soft_shadow(over, radii.numpy(), strengths)
+        flat = np.stack(np.broadcast_arrays(x[:, None], 0.0, z), axis=-1)
+        grid = StructuredGrid(flat[..., 0], self.ground(flat.reshape(-1, 3)).reshape(dark.shape) + 0.012, flat[..., 2])
         shade = np.full((dark.size, 4), 30, dtype=np.uint8)
         shade[:, 3] = 255 * dark.ravel(order="F")
         grid.point_data["shade"] = shade

@@ -84,7 +84,7 @@ def soft_shadow(
     """Shadow of bodies on the floor, straight down and soft.
 
     Args:
-        poses: sample points of each body, ``[M, 3]`` metres.
+        poses: sample points of each body over the ground, ``[M, 3]`` metres.
         radius: of the samples, ``[M]``.
         strengths: darkness of each body's shadow, 0 to 1.
 

@@ -41,7 +41,7 @@ class Window:
             stage.add_key_event("Right", lambda: self.step(1))
             stage.add_key_event("Left", lambda: self.step(-1))
         stage.add_key_event("s", self.toggle_slice)
-        span, start = (picture.scene.floor.height, picture.scene.floor.height + 2.0), self.height
+        span, start = (picture.level, picture.level + 2.0), self.height
         stage.add_slider_widget(self.at_height, rng=span, value=start, title="slice (m)", **_between(0.03, 0.25))
         stage.add_text(_HELP, position=(0.005, 0.005), viewport=True, font_size=9, color=INK)
         self.redraw()

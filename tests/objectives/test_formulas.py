@@ -10,9 +10,10 @@ import torch
 
 from objectives import ArrayTrack, Context, Term
 from scenes.body.body import DEFAULT_BODY
-from scenes.mesh.primitives import Box
+from scenes.mesh.primitives import Box, Sphere
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.waypoints import Waypoints
 from scenes.world.scene import Scene
 from tests.objectives.cases import Ball, Joints, context, standing, wandering
 
@@ -220,6 +221,24 @@ def test_resting_feet_touch_the_floor_of_a_real_scene() -> None:
     report = Term("sdf_penetration").report(sunk, world)[0]
     assert not report.met and report.where in ("left_foot", "right_foot", "left_ankle", "right_ankle")
     assert report.worst == pytest.approx(0.1, abs=0.02)
+
+
+def test_walls_and_risers_hold_nobody_who_floats_beside_them() -> None:
+    """Feet 5 cm from a wall, a metre up, are a metre up; over the box and the floor they stand."""
+    scene = Scene(primitives=[Box((0.0, 1.0, 1.0), (4.0, 2.0, 1.0)), Box((0.0, 0.1, -1.0), (4.0, 0.2, 1.0))], floor=0.0)
+    world, term = Context(scene, DEFAULT_BODY), Term("foot_contact", {"threshold": 0.0})
+    sole = DEFAULT_BODY.sole_offset
+    for z, y, height in ((0.45, 1.0, 1.0), (0.0, 0.0, 0.0), (-0.45, 0.15, 0.15), (-1.0, 0.2, 0.0), (-1.0, 0.25, 0.05)):
+        feet = Motion(torch.tensor([0.0, y + sole, z]).expand(2, J, 3).clone())
+        assert term.report(feet, world)[0].worst == pytest.approx(height, abs=1e-4), (z, y)
+
+
+def test_feet_stand_on_what_moves() -> None:
+    lift = Sphere((0.0, 0.0, 0.0), 1.0, motion=Waypoints((0.0, 1.0), ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0))))
+    world = Context(Scene(primitives=[lift], floor=-2.0), DEFAULT_BODY)
+    joints = torch.zeros(20, J, 3)
+    joints[..., 1] = 1.0 + DEFAULT_BODY.sole_offset + (torch.arange(20) / 20)[:, None]
+    assert Term("foot_contact", {"threshold": 0.0}).report(Motion(joints), world)[0].worst == pytest.approx(0, abs=1e-4)
 
 
 def test_swept_penetration_sees_a_wall_that_the_frames_miss() -> None:

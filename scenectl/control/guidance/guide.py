@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective
+from scenectl.control.rise import Rise
 from scenectl.control.settings import GuidanceSettings
 from scenectl.control.start import FreeStart
 from scenectl.generators.base import Step
@@ -33,6 +34,7 @@ class ObjectiveGuide:
         """
         self.objective, self.context, self.start = objective, context, start
         self.guidance = guidance or GuidanceSettings()
+        self._rise = Rise.of(objective)
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         """Minus the objective's cost (Eq. 40), times the guidance scale."""
@@ -48,7 +50,8 @@ class ObjectiveGuide:
         return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
 
     def _begun(self, motion: Motion) -> Motion:
-        """The motion from the start that suits the goals best, if that is free."""
+        """The motion on the ground of its path, from the start that suits the goals best, if that is free."""
+        motion = motion if self._rise is None else self._rise.under(motion)
         if self.start is None:
             return motion
         return self.start.moved(motion, self.start.fit(motion, self.objective, self.context))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from objectives import Context, Objective
 from scenectl.control.refine.setting import Setting
 from scenectl.control.refine.stages import solved
+from scenectl.control.rise import Rise, RisenStep
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.problem import Solution
 from scenectl.control.start import FreeStart, MovedStep
@@ -52,6 +53,8 @@ def refine(
         thresholds: what stages and solvers decide by.
     """
     solver = solver or SolverSettings()
+    if (rise := Rise.of(objective)) is not None:
+        step = RisenStep(step, rise)
     if start is not None:
         step = MovedStep.of(step, start, start.fit(step.motion, objective, context, thresholds))
     if solver.iterations == 0:

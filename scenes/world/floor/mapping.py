@@ -118,14 +118,14 @@ class Mapper:
         # Ground that is the floor but for noise is asked about at the floor's height.
         base = np.where(np.abs(near - self.floor) <= STEP / 2, self.floor, near)
         low, high = self._columns(base, reach)
-        bridged = _closed(~missing | (np.minimum(low, high) <= reach), FLOOR_BELOW / cell)
-        heights = np.where(bridged, near, np.nan)
-        maps = []
-        for column, limit in ((np.minimum(low, high), STEP), (high, CLIMB)):
+        maps, heights = [], near
+        for column, limit in ((high, CLIMB), (np.minimum(low, high), STEP)):
+            bridged = _closed(~missing | (column <= reach), FLOOR_BELOW / cell)  # ground that goes on under obstacles
+            heights = np.where(bridged, near, np.nan)
             column = np.where(~bridged & (column > 0), -np.minimum(np.abs(self._layer(base)), cell), column)
             column = np.where(_beside_steps(near, bridged, limit), np.minimum(column, cell / 2), column)
             maps.append(column)
-        return Sheet(heights, surface, maps[0], maps[1], self.levels.origin, cell)
+        return Sheet(heights, surface, maps[1], maps[0], self.levels.origin, cell)
 
     def _columns(self, base: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Smallest distance (m) in every cell's column over the ground, ``[X, Z]``: up to `CLIMB`, and above."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.errors import UserError
 from scenes.world.floor.across import across
-from scenes.world.floor.levels import CELL, ROOM, STEP, fitting, lattice
+from scenes.world.floor.levels import CELL, STEP, fitting, lattice
 from scenes.world.floor.mapping import CLIMB, HEIGHT, RADIUS, Mapper
 from scenes.world.floor.polyline import climbs
 from scenes.world.floor.sheet import COMFORT, OPEN, SPACING, Sheet, Walker
@@ -21,6 +21,9 @@ __all__ = ["CLIMB", "COMFORT", "OPEN", "SPACING", "STEP", "FreeArea", "Place", "
 
 Place: TypeAlias = Sequence[float] | Sequence[int] | np.ndarray
 """A point of the ground: x and z, metres, world; or x, y and z, where y tells storeys apart."""
+
+OFF = 0.25
+"""Metres that a stated height may be off the ground: more than a step up to `CLIMB`, less than the seat of a chair."""
 
 _CELLS = 16_000_000  # largest map: 200 x 200 m in cells of 5 cm
 
@@ -83,25 +86,31 @@ class FreeArea:
             found.append(np.flatnonzero(free) * count + sheet.surface[free] + 1)
         return float(len(np.unique(np.concatenate(found)))) * self.cell**2
 
-    def sample(self, n: int, rng: np.random.Generator, radius: float | None = None) -> np.ndarray:
-        """`n` places ``[n, 2]`` (x, z in m), uniform over where a person of `radius` (m) can stand on the first sheet.
+    def storey(self, place: Place, radius: float | None = None) -> int:
+        """The first sheet on which a path for a person of `radius` (m) can end at a place; UserError where none can."""
+        radius = self.radius if radius is None else radius
+        end = self._end("goal", place, radius)
+        return next(k for k, sheet in enumerate(self.sheets) if self._holds(sheet, end, radius, climb=True))
+
+    def sample(self, n: int, rng: np.random.Generator, radius: float | None = None, storey: int = 0) -> np.ndarray:
+        """`n` places ``[n, 2]`` (x, z in m), uniform over where a person of `radius` (m) can stand on one sheet.
 
         Raises:
             UserError: there is no such place.
         """
-        radius = self.radius if radius is None else radius
-        cells = np.argwhere(self.clearance >= radius - self.cell)  # a neighbour of a free place may hold one as well
+        radius, sheet = self.radius if radius is None else radius, self.sheets[storey]
+        cells = np.argwhere(sheet.level >= radius - self.cell)  # a neighbour of a free place may hold one as well
         found = np.zeros((0, 2))
         for _ in range(1000):
             if len(found) >= n or len(cells) == 0:
                 break
             tries = rng.uniform(-0.5, 0.5, size=(2 * n + 16, 2)) + cells[rng.integers(len(cells), size=2 * n + 16)]
             points = tries * self.cell + self.origin
-            found = np.concatenate([found, points[self.contains(points, radius)]])
+            found = np.concatenate([found, points[sheet.clear(points) >= radius]])
         if len(found) < n:
             raise UserError(
                 f"nowhere on the floor is a person of radius {radius:g} m and height {self.height:g} m clear of "
-                f"obstacles (the widest place has {self.clearance.max():.2f} m); use a smaller radius"
+                f"obstacles (the widest place has {sheet.level.max():.2f} m); use a smaller radius"
             )
         return found[:n]
 
@@ -148,7 +157,7 @@ class FreeArea:
         sheets, at = list(enumerate(self.sheets)), f"({end[0]:.2f}, {end[-1]:.2f})"
         if len(end) == 3 and np.isfinite(heights).any():
             off = np.nan_to_num(np.abs(heights - end[1]), nan=np.inf)
-            if off.min() > ROOM / 2:
+            if off.min() > OFF:
                 known = " and ".join(f"{height:.2f}" for height in heights if np.isfinite(height))
                 raise UserError(
                     f"path {name} {at} has no ground at a height of {end[1]:.2f} m; it is at {known} m there"
@@ -176,14 +185,14 @@ class FreeArea:
         self, start: tuple[np.ndarray, float], goal: tuple[np.ndarray, float], radius: float, climb: bool
     ) -> list[Sheet]:
         """The sheets on which both ends lie and are clear by `radius` (m)."""
-        return [
-            sheet
-            for sheet in self.sheets
-            if all(
-                abs(np.nan_to_num(sheet.ground(xz[None])[0], nan=y) - y) <= STEP and sheet.clear(xz, climb) >= radius
-                for xz, y in (start, goal)
-            )
-        ]
+        return [s for s in self.sheets if all(self._holds(s, end, radius, climb) for end in (start, goal))]
+
+    @staticmethod
+    def _holds(sheet: Sheet, end: tuple[np.ndarray, float], radius: float, climb: bool) -> bool:
+        """Whether an end, place and height, lies on a sheet and is clear there by `radius` (m)."""
+        xz, y = end
+        off = abs(np.nan_to_num(sheet.ground(xz[None])[0], nan=y) - y)
+        return bool(off <= STEP and sheet.clear(xz, climb) >= radius)
 
     def _no_way(self, start: tuple[np.ndarray, float], goal: tuple[np.ndarray, float], radius: float) -> str:
         widest, apart = self._widest(start, goal), abs(start[1] - goal[1]) > STEP

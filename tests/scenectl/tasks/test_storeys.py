@@ -49,15 +49,15 @@ def test_a_walk_onto_the_platform_is_planned_along_the_steps_and_says_so() -> No
     problem = Task(prompt="x", scene=steps(), start=[0.0, -1.5], walk={"to": [0.3, 2.2]}).build()
     assert problem.path is not None
     assert problem.path[[0, -1], 1] == pytest.approx([0.0, 0.68], abs=1e-4)
-    assert problem.doubts[-1] == "the walk climbs 4 steps of up to 0.17 m, as no level way exists"
+    assert problem.doubts[-1] == "the walk takes 4 steps up of up to 0.17 m, as no level way exists"
     follow, arrive = problem.objective.terms
     heights = [point.y for point in follow.parameters["path"]]
     assert heights[0] == pytest.approx(0.0, abs=1e-4) and heights[-1] == pytest.approx(0.68, abs=1e-4)
     assert arrive.parameters["position"] == (0.3, 2.2) and follow.parameters["height"] > 0.8
     level = Task(prompt="x", scene=ramp(10.0), start=[0.0, -1.5], walk={"to": [0.3, 3.6]}).build()
-    assert level.path is not None and level.path[-1, 1] > 0.5 and not any("climbs" in d for d in level.doubts)
+    assert level.path is not None and level.path[-1, 1] > 0.5 and not any("the walk takes" in d for d in level.doubts)
     down = Task(prompt="x", scene=kerb(0.12), start=[0.0, 1.0], walk={"to": [0.0, -1.0]}).build()
-    assert down.doubts[-1] == "the walk climbs 1 step of up to 0.12 m, as no level way exists"
+    assert down.doubts[-1] == "the walk takes 1 step down of up to 0.12 m, as no level way exists"
 
 
 def test_a_walk_says_by_its_height_which_storey_it_goes_to() -> None:
@@ -67,7 +67,7 @@ def test_a_walk_says_by_its_height_which_storey_it_goes_to() -> None:
     stays = Task(prompt="x", scene=scene, start=[1.0, 2.72, 0.0], walk={"to": [0.0, 2.72, -1.0]}).build()
     ends = [problem.path[-1, 1] for problem in (below, above, stays) if problem.path is not None]
     assert ends == pytest.approx([0.0, 2.72, 2.72], abs=1e-4)
-    assert "16 steps" in above.doubts[-1] and not any("climbs" in d for d in (*below.doubts, *stays.doubts))
+    assert "16 steps" in above.doubts[-1] and not any("the walk takes" in d for d in (*below.doubts, *stays.doubts))
 
 
 def test_a_task_file_states_storeys(tmp_path: Path) -> None:
@@ -97,7 +97,35 @@ def test_a_person_climbs_the_steps_onto_the_platform() -> None:
     figures = measure(motion, Scorer(scene))
     assert abs(float(figures["lowest_sole_m"] or 0.0)) < 0.03
     assert float(figures["deepest_penetration_m"] or 0.0) < 0.02
-    assert result.report["scene"]["doubts"][-1].startswith("the walk climbs 4 steps")
+    assert result.report["scene"]["doubts"][-1].startswith("the walk takes 4 steps up")
+
+
+def test_people_walk_down_a_slope_as_well_as_up() -> None:
+    scene, ends = ramp(10.0), ([0.0, 4.0], [0.0, -1.5])
+    for start, to in (ends, ends[::-1]):
+        task = Task(prompt="a person walks forward", scene=scene, start=start, walk={"to": to}, goals=GOALS)
+        result = run(task, samples=2)
+        assert all(row.met for row in result.samples)
+        soles = result.motion.select(FEET)
+        over = soles[..., 1] - scene.ground_under(soles) - SOLE
+        assert over.amin(-1).max() < 0.1 and over.min() > -0.04, (over.amin(-1).max(), over.min())
+
+
+def test_people_walk_down_steps() -> None:
+    scene = steps(0.17, 4, 0.3)
+    task = Task(prompt="a person walks forward", scene=scene, start=[0.0, 2.6], walk={"to": [0.0, -1.5]}, goals=GOALS)
+    result = run(task, samples=4)
+    motion = result.motion[0]
+    feet = motion.select(FEET)
+    over = feet[..., 1] - scene.ground_under(feet) - SOLE
+    assert over.amin(-1).max() < 0.12 and float(motion.joint("pelvis")[-1, 1]) == pytest.approx(0.95, abs=0.1)
+    assert result.setup.doubts[-1].startswith("the walk takes 4 steps down of up to 0.17 m")
+
+
+def test_a_start_is_sampled_on_the_storey_of_the_target() -> None:
+    for seed in range(4):  # without stairs nobody gets there from below
+        task = Task(prompt="x", scene=storeys(stairs=False), start="sample", walk={"to": [0.0, 2.72, -1.0]}, seed=seed)
+        assert task.build().start.position[1] == pytest.approx(2.72 + SOLE, abs=1e-3)
 
 
 @pytest.mark.parametrize("y", [0.0, 2.72])

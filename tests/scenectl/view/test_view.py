@@ -17,7 +17,7 @@ from objectives import Masked, Objective, Term, forget, goal
 from scenectl.view import Picture, draw_scene
 from scenectl.view.camera import Sight, choose
 from scenectl.view.evidence import uncertain_blocks
-from scenectl.view.marks import draw_line
+from scenectl.view.marks import draw_line, places
 from scenectl.view.room import Room
 from scenectl.view.shapes import body_hull, capsules, components, face_colours, soft_shadow
 from scenectl.view.stage import open_stage
@@ -32,6 +32,7 @@ from scenes.sdf.signs import UNCERTAIN
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled
 from tests.scenes.mesh.test_gltf import boxes
+from tests.scenes.world.floor.grounds import storeys
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -302,6 +303,16 @@ def test_surfaces_face_outwards() -> None:
     across = np.cross(b - a, c - a)
     outward = (across * normals[hull.regular_faces].mean(axis=1)).sum(-1)
     assert (outward[np.linalg.norm(across, axis=1) > 1e-6] > 0).all()
+
+
+def test_marks_lie_on_the_storey_of_the_person(tiny: ModuleType) -> None:
+    for y in (0.0, 2.72):
+        motion = tiny.statue() + torch.tensor([0.5, y, -1.0])
+        goals = Objective((Term("joint_target", {"joint": "pelvis", "position": [0.5, -0.5]}, at=0.0),))
+        picture = Picture(storeys(), Motion(motion.expand(5, 22, 3)), objective=goals)
+        (mark,) = picture.marks
+        assert places(mark, picture.ground)[0] == pytest.approx([0.5, y + 0.02, -0.5], abs=1e-3)
+        assert picture.hip_height == pytest.approx(y + 0.9, abs=1e-3)
 
 
 def test_lines_are_as_thick_along_every_leg() -> None:

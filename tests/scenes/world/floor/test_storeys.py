@@ -33,6 +33,23 @@ def test_slopes_up_to_20_degrees_are_level_ways(angle: float) -> None:
     assert on_ground(scene, path) < 1e-4 and walked(path) == pytest.approx(np.hypot(6.0, 0.3), rel=0.01)
 
 
+@pytest.mark.parametrize("height", [0.26, 0.27, 0.29, 0.32])
+def test_ways_never_lead_into_what_is_too_high_to_climb(height: float) -> None:
+    area = free_area(kerb(height))
+    ends = (0.0, -1.0), (0.0, 1.0)
+    for way in (ends, ends[::-1]):
+        with pytest.raises(UserError, match=rf"from \(0.00, .*{height:.2f}, .* no steps up to 0.25 m join"):
+            area.path(*way)
+    assert area.path((0.0, height, 1.0), (0.5, 1.4))[:, 1] == pytest.approx(height, abs=1e-3)
+
+
+def test_heights_that_are_stated_are_those_of_the_ground() -> None:
+    area = free_area(kerb(0.12))
+    assert area.path((0.0, 0.2, -1.0), (0.5, -0.2, -1.0))[:, 1] == pytest.approx(0.0, abs=1e-4)
+    with pytest.raises(UserError, match=r"no ground at a height of 0\.60 m; it is at 0\.12 m there"):
+        area.path((0.0, 0.0, -1.0), (0.0, 0.6, 1.0))
+
+
 @pytest.mark.parametrize("angle", [25.0, 40.0])
 def test_steeper_slopes_are_not_walked_on(angle: float) -> None:
     area = free_area(ramp(angle))
