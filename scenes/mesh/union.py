@@ -78,9 +78,6 @@ def _same(area: float, parts: float) -> bool:
 
 def _groups(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[list[int]]:
     """Solids whose bounds meet, directly or through others."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     if not solids:
         return []
     low, high = (np.array([edge(vertices[s.reshape(-1)], axis=0) for s in solids]) for edge in (np.min, np.max))
@@ -92,6 +89,11 @@ def _groups(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[list[int
         meet = others[((low[others] <= high[i]) & (low[i] <= high[others])).all(axis=1)]
         pairs.append(np.stack([np.full(len(meet), i), meet], axis=1))
     ends = np.concatenate(pairs)
+    if len(ends) == 0:
+        return [[i] for i in range(len(solids))]
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_matrix((np.ones(len(ends), dtype=bool), tuple(ends.T)), shape=(len(solids), len(solids)))
     number = connected_components(graph, directed=False)[1]
     by_group = np.argsort(number, kind="stable")
