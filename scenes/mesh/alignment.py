@@ -55,9 +55,7 @@ def _across(surface: Surface, patch: np.ndarray, area: np.ndarray, some: np.ndar
     parts = [surface.part(surface.faces[patch == p], faults=surface.faults) for p in some]
     for place, part in enumerate(parts):
         chosen = part.by_area(_SAMPLES, rng)
-        a, b, c = np.moveaxis(part.vertices[part.faces[chosen]], 1, 0)
-        normal = np.cross(b - a, c - a)
-        step = _STEP * np.sqrt(area[some[place]]) * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        step = _STEP * np.sqrt(area[some[place]]) * part.normals(chosen)
         middle = part.points_on(chosen, rng) + surface.centre
         points[:, place] = middle + step, middle - step
     change = np.zeros((len(some), len(some)))

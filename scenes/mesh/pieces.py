@@ -175,9 +175,8 @@ def _split(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     reference = np.eye(3)[np.abs(axis).argmin(axis=1)]
     u = np.cross(axis, reference)
     v, to = np.cross(axis, u), vertices[np.roll(faces, -2, axis=1).reshape(-1)] - a
-    angle = np.arctan2((to * v).sum(axis=1), (to * u).sum(axis=1)).round(
-        9
-    )  # triangles on each other differ by rounding
+    angle = np.arctan2((to * v).sum(axis=1), (to * u).sum(axis=1))
+    angle = angle.round(9)  # of triangles on each other it differs by rounding
     edge = np.minimum(start, end).astype(np.int64) * len(vertices) + np.maximum(start, end)
     order = np.lexsort((~along, angle, edge))  # of two on each other, first the one whose matter lies before
     first = np.flatnonzero(np.append(True, np.diff(edge[order]) != 0))

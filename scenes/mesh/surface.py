@@ -88,11 +88,8 @@ def _turned(vertices: np.ndarray, faces: np.ndarray, faults: Faults) -> np.ndarr
     return turned
 
 
-def _undoubled(faces: np.ndarray, vertices: int) -> np.ndarray:
+def _undoubled(faces: np.ndarray, crowded: np.ndarray, vertices: int) -> np.ndarray:
     """One side of the pieces whose triangles nearly all have a second side, so that what they enclose is told."""
-    crowded = Faults.of(faces, vertices).crowded
-    if len(crowded) == 0:
-        return faces
     of_vertex, pieces = weld.connected(faces, vertices)
     piece = of_vertex[faces[:, 0]]
     size = np.bincount(piece, minlength=pieces)
@@ -176,9 +173,12 @@ class Surface:
     @classmethod
     def facing_alike(cls, vertices: np.ndarray, faces: np.ndarray, slivers: np.ndarray, centre: np.ndarray) -> Surface:
         """Cleaned triangles, each turned as most of its patch face; arguments as the attributes."""
-        faces = _undoubled(faces, len(vertices))
         every = np.concatenate([faces, slivers])
-        faults, turned = Faults.of(every, len(vertices)), np.zeros(len(every), dtype=bool)
+        faults = Faults.of(every, len(vertices))
+        if len(faults.crowded) and len(single := _undoubled(faces, faults.crowded, len(vertices))) < len(faces):
+            faces, every = single, np.concatenate([single, slivers])
+            faults = Faults.of(every, len(vertices))
+        turned = np.zeros(len(every), dtype=bool)
         if faults.twisted.any():
             turned = _turned(vertices, every, faults)
             every[turned] = every[turned][:, ::-1]
@@ -253,6 +253,12 @@ class Surface:
         """A random point on each of some triangles, relative to `centre`, ``[n, 3]`` metres."""
         shares = rng.dirichlet(np.ones(3), size=len(triangles))
         return np.asarray(np.einsum("nk,nkc->nc", shares, self.vertices[self.faces[triangles]]))
+
+    def normals(self, triangles: np.ndarray) -> np.ndarray:
+        """Unit normals of some triangles, ``[n, 3]``."""
+        a, b, c = np.moveaxis(self.vertices[self.faces[triangles]], 1, 0)
+        across = np.cross(b - a, c - a)
+        return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
 
     @cached_property
     def dipoles(self) -> Dipoles:

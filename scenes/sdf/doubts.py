@@ -67,10 +67,7 @@ def _facing_away(distance: np.ndarray, sides: Sides, sheets: Surface, lattice: L
     """Share of the area in front of which space is solid, and behind which it is free."""
     rng = np.random.default_rng(0)
     chosen = sheets.by_area(samples, rng)
-    a, b, c = np.moveaxis(sheets.vertices[sheets.faces[chosen]], 1, 0)
-    normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    points = sheets.points_on(chosen, rng) + sheets.centre
+    normal, points = sheets.normals(chosen), sheets.points_on(chosen, rng) + sheets.centre
 
     def free(away: float) -> np.ndarray:
         node = np.rint((points + away * lattice.spacing * normal - lattice.origin) / lattice.spacing).astype(int)

@@ -128,8 +128,5 @@ def in_front(surface: Surface, samples: int = 512) -> float:
     """Median winding number just in front of points spread evenly over the surface."""
     rng = np.random.default_rng(0)
     chosen = surface.by_area(samples, rng)
-    corners = surface.vertices[surface.faces[chosen]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    step = 1e-4 * float(np.ptp(surface.bounds, axis=0).max())
-    return float(np.median(surface.dipoles.at(surface.points_on(chosen, rng) + step * normals)))
+    step = 1e-4 * float(np.ptp(surface.bounds, axis=0).max()) * surface.normals(chosen)
+    return float(np.median(surface.dipoles.at(surface.points_on(chosen, rng) + step)))

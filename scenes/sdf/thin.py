@@ -56,9 +56,7 @@ def _walls(sides: Sides, value: Callable[[np.ndarray], np.ndarray], spacing: flo
     """Points on walls thinner than a voxel, relative to the surface's centre, and how thick they are (m)."""
     surface, rng = sides.surface, np.random.default_rng(0)
     chosen = surface.by_area(SAMPLES, rng)
-    points, corners = surface.points_on(chosen, rng), surface.vertices[surface.faces[chosen]]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points, normals = surface.points_on(chosen, rng), surface.normals(chosen)
     both = np.stack([normals, -normals])
     # Two voxels off, the nearest node is clear of a wall that is thinner than one.
     free = value((surface.centre + points + 2 * spacing * both).reshape(-1, 3)).reshape(2, -1) > 0
