@@ -16,8 +16,8 @@ from torch import Tensor
 
 from objectives import Objective
 from objectives.library.paths import risen
-from scenectl.generators.base import Price, Step
-from scenectl.generators.steps import pullback
+from scenectl.generators.base import Step
+from scenectl.generators.steps import AroundStep, pullback
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET
 
@@ -53,7 +53,7 @@ class Rise:
 
 
 @dataclass(frozen=True)
-class RisenStep:
+class RisenStep(AroundStep):
     """A step over ground that rises and falls.
 
     Attributes:
@@ -81,14 +81,6 @@ class RisenStep:
     def motion(self) -> Motion:
         with torch.no_grad():
             return self.rise.under(self.inner.motion)
-
-    @property
-    def price(self) -> Price:
-        return self.inner.price
-
-    @property
-    def unit(self) -> float:
-        return self.inner.unit
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         dummy, pulled = self._pullback

@@ -18,7 +18,8 @@ from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
-from scenectl.generators.base import Price, Step
+from scenectl.generators.base import Step
+from scenectl.generators.steps import AroundStep
 from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
 
@@ -71,7 +72,7 @@ class FreeStart:
 
 
 @dataclass(frozen=True)
-class MovedStep:
+class MovedStep(AroundStep):
     """A step whose value ends with its start's moves.
 
     Attributes:
@@ -104,14 +105,6 @@ class MovedStep:
     @property
     def motion(self) -> Motion:
         return self.start.moved(self.inner.motion, self.moves)
-
-    @property
-    def price(self) -> Price:
-        return self.inner.price
-
-    @property
-    def unit(self) -> float:
-        return self.inner.unit
 
     def jvp(self, tangent: Float[Tensor, "S m"]) -> Float[Tensor, "S T J 3"]:
         round_pivot = turned(self.inner.jvp(self._inner(tangent)), self.moves[:, 2, None, None])

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from scenectl.generators.base import Price
+from scenectl.generators.base import Price, Step
 from scenectl.networks.linearised import LinearisedDecoder
 from scenes.motion.motion import Motion
 
@@ -25,6 +25,20 @@ LINEARISED = Price(product=0.6, row=0.15)
 
 Measured by `scenectl bench prices --threads 1` (rows "guided" and "refined").
 """
+
+
+class AroundStep:
+    """A step made of another one, whose products cost what that one's do and whose values have its scale."""
+
+    inner: Step
+
+    @property
+    def price(self) -> Price:
+        return self.inner.price
+
+    @property
+    def unit(self) -> float:
+        return self.inner.unit
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import torch
 
 from objectives import Objective, Term
 from scenectl.control.rise import Rise, RisenStep
-from scenectl.generators.base import Step
 from scenes.motion.bones import bone_errors
 from scenes.motion.skeleton import FEET
 from tests.objectives.cases import wandering
+from tests.scenectl.control.products import assert_derivatives_and_adjoint
 from tests.scenectl.control.test_guide import step
 
 SLOPE = {"path": [[0.0, 1.0, -9.0], [0.0, 4.0, 1.0], [0.0, -2.0, 9.0]], "height": 0.95}
@@ -40,14 +40,5 @@ def test_without_a_height_over_a_path_nothing_rises() -> None:
 
 def test_products_of_a_risen_step_are_derivatives_and_adjoint() -> None:
     s = RisenStep(step(exact=True), rise(begin=0.0, end=2.0))
-    assert isinstance(s, Step)
-    torch.testing.assert_close(s.motion.joints, s.decode(s.value).joints)
-    tangent, h = torch.randn_like(s.value), 1e-6
-    numeric = (s.decode(s.value + h * tangent).joints - s.decode(s.value - h * tangent).joints) / (2 * h)
-    torch.testing.assert_close(s.jvp(tangent), numeric, rtol=1e-5, atol=1e-6)
-    cotangents = torch.randn(3, *numeric.shape, dtype=numeric.dtype)
-    rows = s.vjps(cotangents)
-    torch.testing.assert_close(rows[1], s.vjp(cotangents[1]))
-    ahead = (cotangents * s.jvp(tangent)).flatten(2).sum(2)
-    torch.testing.assert_close((rows * tangent).flatten(2).sum(2), ahead)
+    assert_derivatives_and_adjoint(s)
     assert torch.equal(s.take(torch.tensor([1])).motion.joints, s.motion.joints[1:2])

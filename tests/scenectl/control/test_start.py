@@ -13,7 +13,6 @@ from objectives import Objective, Term
 from scenectl.control import FreeStart, ObjectiveGuide, SolverSettings, refine
 from scenectl.control.start import MovedStep
 from scenectl.generators import load_generator
-from scenectl.generators.base import Step
 from scenectl.pipeline.run import run
 from scenectl.tasks.schema import Start
 from scenectl.tasks.setup import start_of
@@ -21,6 +20,7 @@ from scenectl.tasks.task import Task, load_task
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
 from tests.objectives.cases import context, wandering
+from tests.scenectl.control.products import assert_derivatives_and_adjoint
 from tests.scenectl.control.test_guide import step
 
 PIVOT = (0.4, 0.0, -0.3)
@@ -45,17 +45,7 @@ def test_a_move_is_a_rigid_transform_about_the_pivot() -> None:
 
 
 def test_products_of_a_moved_step_are_derivatives_and_adjoint() -> None:
-    s = moved_step()
-    assert isinstance(s, Step)
-    torch.testing.assert_close(s.motion.joints, s.decode(s.value).joints)
-    tangent, h = torch.randn_like(s.value), 1e-6
-    numeric = (s.decode(s.value + h * tangent).joints - s.decode(s.value - h * tangent).joints) / (2 * h)
-    torch.testing.assert_close(s.jvp(tangent), numeric, rtol=1e-5, atol=1e-6)
-    cotangents = torch.randn(3, *numeric.shape, dtype=numeric.dtype)
-    rows = s.vjps(cotangents)
-    torch.testing.assert_close(rows[1], s.vjp(cotangents[1]))
-    ahead = (cotangents * s.jvp(tangent)).flatten(2).sum(2)
-    torch.testing.assert_close((rows * tangent).sum(2), ahead)
+    assert_derivatives_and_adjoint(moved_step())
 
 
 def test_the_best_of_several_headings_is_found_for_every_sample() -> None:
