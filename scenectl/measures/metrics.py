@@ -113,12 +113,15 @@ class Depths:
         floor: metres, ``[T]``, 0 where the floor is not entered.
         part: index of the deepest sample in obstacles in each frame, ``[T]``.
         clearance: smallest distance (m) from the body's surface to any obstacle, ``[T]``; negative inside.
+        beyond: how far (m) the body's deepest part is outside of the free space that its start is connected to, by the
+            way back, ``[T]``; 0 within.
     """
 
     obstacles: np.ndarray
     floor: np.ndarray
     part: np.ndarray
     clearance: np.ndarray
+    beyond: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +158,7 @@ class Scorer:
             deep_floor.max(axis=1) * real,
             obstacles.reshape(frames, count).argmin(axis=1),
             np.where(real, obstacles.reshape(frames, count).min(axis=1), np.inf),
+            np.zeros(frames),
         )
 
     def ground(self, motion: Motion) -> Float[Tensor, "*b T 2"]:
