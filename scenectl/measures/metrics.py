@@ -113,8 +113,8 @@ class Depths:
         floor: metres, ``[T]``, 0 where the floor is not entered.
         part: index of the deepest sample in obstacles in each frame, ``[T]``.
         clearance: smallest distance (m) from the body's surface to any obstacle, ``[T]``; negative inside.
-        beyond: how far (m) the body's deepest part is outside of the free space that its start is connected to, by the
-            way back, ``[T]``; 0 within.
+        beyond: how far (m) the body's farthest part is outside of the free space that its first frame is connected to,
+            by the way back of its middle, ``[T]``; 0 within.
         rooms: distance (m) from the surface of every sample to any obstacle, ``[T, M]``; negative inside.
         sunk: depth (m) of every sample in the floor, ``[T, M]``.
     """
@@ -142,7 +142,8 @@ class Scorer:
         """Depth of the body in obstacles and in the floor for every frame of one motion, ``[T, J, 3]``.
 
         An obstacle is every primitive, every object that moves, where it is at each frame's time, and every triangle of
-        a mesh that is not a level piece at the height of the floor.
+        a mesh that is not a level piece at the height of the floor; and all that is beyond the free space in which the
+        motion starts, as deep as the way back is long.
         Frames that are padding are 0 deep.
         """
         points = self.points(motion.joints.detach().cpu().double().numpy())
@@ -151,7 +152,11 @@ class Scorer:
         times = np.repeat(motion.times.cpu().double().numpy(), count)
         radii = np.tile(self._radii, frames)
         everything = self.scene.distance_exact(flat, times) - radii
-        obstacles = (self._obstacle_distance(flat, times, everything + radii) - radii).reshape(frames, count)
+        obstacles = self._obstacle_distance(flat, times, everything + radii) - radii
+        reach = self.scene.reached_from(_stand(motion)).reach
+        beyond = np.zeros(len(flat)) if reach is None else reach.depth(flat)
+        out = np.where(beyond > 0, -beyond - radii, np.inf)
+        everything, obstacles = np.minimum(everything, out), np.minimum(obstacles, out).reshape(frames, count)
         deep_obstacle = np.maximum(-obstacles, 0.0)
         deep_all = np.maximum(-everything, 0.0).reshape(frames, count)
         deep_floor = np.where(deep_all > deep_obstacle + 1e-6, deep_all, 0.0)
@@ -161,7 +166,7 @@ class Scorer:
             deep_floor.max(axis=1) * real,
             obstacles.argmin(axis=1),
             np.where(real, obstacles.min(axis=1), np.inf),
-            np.zeros(frames),
+            beyond.reshape(frames, count).max(axis=1) * real,
             np.where(real[:, None], obstacles, np.inf),
             deep_floor * real[:, None],
         )
@@ -250,6 +255,12 @@ class Scorer:
         return self._samples[2]
 
 
+def _stand(motion: Motion) -> tuple[float, float, float]:
+    """Where (m) one motion stands in its first frame: under its pelvis, as high as its lower foot."""
+    x, _, z = motion.joint("pelvis")[0].tolist()
+    return x, float(motion.select(FEET)[0, :, 1].min()), z
+
+
 def _is_floor(mesh: Mesh, height: float) -> np.ndarray:
     """True for the triangles that are floor: level, and wholly within `FLOOR_BAND` of its height."""
     corners = mesh.vertices[mesh.faces]
@@ -264,8 +275,9 @@ def _is_floor(mesh: Mesh, height: float) -> np.ndarray:
 def measure(motion: Motion, scorer: Scorer, depths: Depths | None = None) -> dict[str, float | str | None]:
     """Every figure of this module for one motion, ``[T, J, 3]``: metres, seconds, ratios.
 
-    `deepest_penetration_m` is of obstacles; `deepest_at_s` and `deepest_part` say when and with what. `depths` are the
-    motion's where they are known.
+    `deepest_penetration_m` is of obstacles and of what is beyond the free space that the motion starts in (the latter
+    alone is `beyond_free_space_m`); `deepest_at_s` and `deepest_part` say when and with what. `depths` are the motion's
+    where they are known.
     """
     ground, body = scorer.ground(motion), scorer.body
     depths = scorer.depths(motion) if depths is None else depths
@@ -278,6 +290,7 @@ def measure(motion: Motion, scorer: Scorer, depths: Depths | None = None) -> dic
         "deepest_at_s": float(motion.times[frame]) if deepest > 0 else None,
         "deepest_part": scorer.part(int(depths.part[frame])) if deepest > 0 else None,
         "clearance_m": clearance if math.isfinite(clearance) else None,
+        "beyond_free_space_m": float(depths.beyond.max()),
         "deepest_floor_penetration_m": float(depths.floor.max()),
         "share_of_frames_touching": float(
             (np.maximum(depths.obstacles, depths.floor)[real] > SHALLOW).mean() if real.any() else 0.0

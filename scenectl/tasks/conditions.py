@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import torch
+from collections.abc import Iterator
 
-from objectives import Context, Objective
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from objectives import Context, Objective, Term
 from scenectl.generators.conditions import Conditions
 from scenectl.generators.spec import Spec
 from scenes.motion.bones import rest_pose
@@ -16,18 +20,24 @@ def conditions_of(objective: Objective, context: Context, start: Pose2D, seconds
 
     Goals are asked beside a body at rest: where they draw a joint to does not depend on where it is.
     """
-    frames = round(seconds * spec.fps)
-    rest = torch.as_tensor(rest_pose(spec.skeleton), dtype=torch.float32)
-    body = Motion(rest.expand(frames, *rest.shape).clone(), fps=spec.fps, skeleton=spec.skeleton).placed(start)
-    times, joints, places = [body.times[:0]], [torch.zeros(0, dtype=torch.long)], [rest[:0]]
-    for term in (term for term in objective.counted if term.sometime is None):
-        found = term.evaluate(body, context)
-        if found.targets is None:
-            continue
-        for entry, joint in enumerate(found.joints):
-            if joint in spec.skeleton.names:
-                stated = found.mask[:, entry] & found.targets[:, entry].isfinite().any(-1)
-                times.append(body.times[stated])
-                joints.append(torch.full((int(stated.sum()),), spec.skeleton.index(joint)))
-                places.append(found.targets[stated, entry].to(rest))
+    times, joints, places = [torch.zeros(0)], [torch.zeros(0, dtype=torch.long)], [torch.zeros(0, 3)]
+    for term, joint, when, where in targets_of(objective, context, start, seconds, spec):
+        if term.sometime is None and joint in spec.skeleton.names:
+            times.append(when)
+            joints.append(torch.full((len(when),), spec.skeleton.index(joint)))
+            places.append(where)
     return Conditions.of_positions(torch.cat(times), torch.cat(joints), torch.cat(places), spec.skeleton)
+
+
+def targets_of(
+    objective: Objective, context: Context, start: Pose2D, seconds: float, spec: Spec
+) -> Iterator[tuple[Term, str, Float[Tensor, " n"], Float[Tensor, "n 3"]]]:
+    """Where each term draws which joint: times (s) and places (m, nan on coordinates that are free)."""
+    rest = torch.as_tensor(rest_pose(spec.skeleton), dtype=torch.float32)
+    frames = round(seconds * spec.fps)
+    body = Motion(rest.expand(frames, *rest.shape).clone(), fps=spec.fps, skeleton=spec.skeleton).placed(start)
+    for term in (term for term in objective.counted if term.spec.pulls):
+        found = term.evaluate(body, context)
+        for entry, joint in enumerate(found.joints if found.targets is not None else ()):
+            stated = found.mask[:, entry] & found.targets[:, entry].isfinite().any(-1)
+            yield term, joint, body.times[stated], found.targets[stated, entry].to(rest)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from objectives import Context, Objective
+from objectives import Context, Objective, Term
 from scenectl.generators.spec import Spec
+from scenectl.tasks.conditions import targets_of
 from scenectl.tasks.schema import Start, TaskTable, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
@@ -45,6 +47,7 @@ class Setup:
         start: rigid transform of the canonical motion, metres and radians.
         seconds: length.
         path: the planned walk, ``[P, 3]`` metres on the ground, or None.
+        unreached: on targets that nobody gets to from the start, one sentence each.
     """
 
     task: TaskTable
@@ -55,6 +58,7 @@ class Setup:
     start: Pose2D
     seconds: float
     path: np.ndarray | None
+    unreached: tuple[str, ...] = ()
 
     @property
     def origin(self) -> Place:
@@ -63,17 +67,18 @@ class Setup:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The scene's, and what is unusual about the walk, one sentence each."""
+        """The scene's, and what is unusual about targets and the walk, one sentence each."""
         taken = np.zeros(0) if self.path is None else climbs(self.path, STEP)
+        doubts = (*self.scene.doubts, *self.unreached)
         if not len(taken):
-            return self.scene.doubts
+            return doubts
         ways = ((taken[taken > 0], "up"), (taken[taken < 0], "down"))
         told = (
             f"{len(some)} step{'s' if len(some) > 1 else ''} {way} of up to {np.abs(some).max():.2f} m"
             for some, way in ways
             if len(some)
         )
-        return (*self.scene.doubts, f"the walk takes {' and '.join(told)}, as no level way exists")
+        return (*doubts, f"the walk takes {' and '.join(told)}, as no level way exists")
 
 
 def plan(
@@ -100,7 +105,6 @@ def plan(
 def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Scene, spec: Spec | None) -> Setup:
     spec = task.generator.family.spec if spec is None else spec
     body = task.load_body()
-    context = Context(scene, body)
     rng = np.random.default_rng(task.seed if seed is None else seed)
     area = None if task.walk is None else free_area(scene, task.walk.radius, task.walk.height)
     if start is None:
@@ -108,6 +112,9 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
         _check_standing(scene, place, body)
     else:
         place = _below(scene, start.position)
+    free = isinstance(task.start, Start) and task.start.free  # who may start elsewhere may be anywhere
+    reached = scene if free else scene.reached_from(place)
+    context = Context(reached, body)
     path = None if task.walk is None or area is None else _path(task.walk, area, place)
     seconds = _seconds(task, path, spec)
     if start is None:
@@ -115,7 +122,24 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     walk = [] if task.walk is None or path is None else task.walk.terms(path, seconds, spec.fps, body)
     objective = Objective((*walk, *task.terms))
     objective.check(context, seconds, spec.fps)
-    return Setup(task, scene, body, context, objective, start, seconds, path)
+    unreached = _unreached(reached, targets_of(objective, context, start, seconds, spec))
+    return Setup(task, scene, body, context, objective, start, seconds, path, unreached)
+
+
+def _unreached(scene: Scene, targets: Iterable[tuple[Term, str, Tensor, Tensor]]) -> tuple[str, ...]:
+    """On targets beyond the free space that the start is connected to: which goal's, where, and how far beyond."""
+    if scene.reach is None:
+        return ()
+    told = []
+    for term, joint, _, places in targets:
+        depths = scene.reach.depth(places.double().numpy())
+        if depths.max(initial=0.0) > 0:
+            worst = int(depths.argmax())
+            told.append(
+                f"{term.label}: the target {_at(scene, places[worst].numpy())} of {joint} lies {depths[worst]:.2f} m "
+                "outside of the free space that the start is connected to"
+            )
+    return tuple(dict.fromkeys(told))
 
 
 def _place(

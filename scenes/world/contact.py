@@ -23,6 +23,7 @@ from scenes.sdf.field import DistanceField
 from scenes.sdf.grid import Interpolated, SdfGrid
 from scenes.sdf.lattice import padded
 from scenes.world.moving import MovingObject
+from scenes.world.reach import Reach
 
 Times = tuple[Tensor, Tensor]
 
@@ -338,7 +339,7 @@ def _least(
     enough: Float[Tensor, " n"],
 ) -> Float[Tensor, "n 2"]:
     """Shares of segment and way at which the field is least, to `tolerance` where that is below `enough`."""
-    if isinstance(field, SdfGrid):
+    if isinstance(field, SdfGrid | Reach):
         return field.lowest_on_way(ends, enough, tolerance)
     if isinstance(field, Plane):  # least at one of the ends
         first = field.distance(ends).argmin(dim=1)

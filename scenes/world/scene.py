@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import tomllib
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ from scenes.world.floor.ground import Floor, find_floors
 from scenes.world.floor.levels import STEP, Levels, fitting
 from scenes.world.floor.mapping import held, surfaces
 from scenes.world.moving import MovingObject
+from scenes.world.reach import Parts, Reach
 
 DENSE = 2**26
 """Nodes up to which a stated spacing gives a dense grid: 256 MB."""
@@ -85,6 +87,7 @@ class Scene:
         self.baking = BakeSettings(**baking)
         self.name = name
         self.origin = origin
+        self.reach: Reach | None = None
         self.stated_floor = 0.0 if floor is None and not self.meshes else floor
         if self.stated_floor is not None and not np.isfinite(self.stated_floor):
             raise UserError(f"scene '{name}': the floor height is {floor}; give finite metres")
@@ -156,8 +159,40 @@ class Scene:
 
     @cached_property
     def fields(self) -> tuple[DistanceField, ...]:
-        """Everything that `distance` is the minimum of: grids, primitives, objects, and the floor plane if stated."""
-        return (*(result.grid for result in self.bakes), *self.primitives, *self.objects, *self.planes)
+        """Everything that `distance` is the minimum of: grids, primitives, objects, the floor plane if stated, reach."""
+        beyond = () if self.reach is None else (self.reach,)
+        return (*(result.grid for result in self.bakes), *self.primitives, *self.objects, *self.planes, *beyond)
+
+    def reached_from(self, place: Place) -> Scene:
+        """The same scene as somebody finds it who starts at a place (m, world; on the ground); bakes the meshes.
+
+        Free space that they cannot get to from there counts as solid, as deep as the way back is long (`Reach`). It is
+        this scene itself where there is none.
+        """
+        reach = None if self._parts is None else self._parts.around(place)
+        if reach is self.reach:
+            return self
+        found = copy.copy(self)  # with all that is known of it
+        found.reach = reach
+        vars(found).pop("fields", None)
+        return found
+
+    @cached_property
+    def _parts(self) -> Parts | None:
+        """Its free space, divided where no way leads through what does not move; None where it is not, or unknown."""
+        if self._bare or self.ground is None:
+            return None
+        levels, shapes = self.levels, [shape for shape in self._still if not isinstance(shape, Plane)]
+        bounds = hull([mesh.bounds for mesh in (*self.meshes, *(shape.mesh() for shape in shapes))])
+        sheets = [np.maximum(sheet, 0)[..., None] for sheet in self._sheets]
+        grounds = [np.take_along_axis(levels.walkable, sheet, axis=2)[..., 0] for sheet in sheets]
+        grounds = [np.where(s >= 0, ground, np.nan) for s, ground in zip(self._sheets, grounds, strict=True)]
+        return Parts.of(partial(_least, (*self._still_fields, *self.planes)), bounds, levels, grounds)
+
+    @property
+    def _still_fields(self) -> tuple[DistanceField, ...]:
+        """What does not move, without a stated floor."""
+        return (*(result.grid for result in self.bakes), *self._still)
 
     def distance(self, points: Float[Tensor, "*b 3"], time: Tensor | None = None) -> Float[Tensor, "*b"]:
         """Signed distance (m) to the nearest of all fields, positive in free space, differentiable.
@@ -166,7 +201,7 @@ class Scene:
             points: metres, world.
             time: seconds on the task's clock, broadcastable to ``points[..., 0]``; None means 0 s.
         """
-        return reduce(torch.minimum, (field.distance(points, time) for field in self.fields))
+        return _least(self.fields, points, time)
 
     def distance_exact(self, points: np.ndarray, time: np.ndarray | float | None = None) -> np.ndarray:
         """Signed distance (m) from the triangles themselves: the oracle that scores motions.
@@ -195,6 +230,8 @@ class Scene:
             if walls is not None:
                 results.append(walls.unsigned_distance(points) - self.baking.thickness / 2)
         results += [thing.distance_exact(points, time) for thing in self.objects]
+        if self.reach is not None:
+            results.append(self.reach.distance(tensor).numpy())
         nearest: np.ndarray = np.minimum.reduce(results)
         return nearest
 
@@ -265,11 +302,7 @@ class Scene:
         still = (*self._still, *stated)
         planes = [shape for shape in still if isinstance(shape, Plane)]
         meshes = [*self.meshes, *(shape.mesh() for shape in still if not isinstance(shape, Plane))]
-        fields = (*(result.grid for result in self.bakes), *still)
-
-        def distance(points: Tensor) -> Tensor:
-            return reduce(torch.minimum, (field.distance(points, None) for field in fields))
-
+        distance = partial(_least, (*self._still_fields, *stated))
         return Levels.of(meshes, planes, distance, self.bounds, cell, self.baking.thickness / 2)
 
     @property
@@ -306,9 +339,13 @@ class Scene:
     def _walked(self) -> Levels:
         """Of the levels those that can be walked on."""
         levels = self.levels
-        found = surfaces(levels, 0.0 if self.ground is None else self.ground)
-        kept = np.logical_or.reduce([held(surface, levels.heights.shape) for surface in found])
+        kept = np.logical_or.reduce([held(surface, levels.heights.shape) for surface in self._sheets])
         return replace(levels, heights=np.where(kept, levels.heights, np.nan))
+
+    @cached_property
+    def _sheets(self) -> list[np.ndarray]:
+        """Which of the levels are ground, ``[X, Z]`` each: the main floor, then storeys."""
+        return surfaces(self.levels, 0.0 if self.ground is None else self.ground)
 
     def ground_under(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b"]:
         """Height (m, world) of what can be walked on, nearest below points; the floor's where there is none."""
@@ -391,6 +428,11 @@ class Scene:
     def __repr__(self) -> str:
         counts = f"meshes={len(self.meshes)}, primitives={len(self.primitives)}, objects={len(self.objects)}"
         return f"Scene('{self.name}', {counts})"
+
+
+def _least(fields: Sequence[DistanceField], points: Tensor, time: Tensor | None = None) -> Tensor:
+    """The least (m) of several fields at points ``[*b, 3]``."""
+    return reduce(torch.minimum, (field.distance(points, time) for field in fields))
 
 
 def _within(inner: np.ndarray, outer: np.ndarray) -> bool:

@@ -120,7 +120,7 @@ class Mapper:
         low, high = self._columns(base, reach)
         maps, heights = [], near
         for column, limit in ((high, CLIMB), (np.minimum(low, high), STEP)):
-            bridged = _closed(~missing | (column <= reach), FLOOR_BELOW / cell)  # ground that goes on under obstacles
+            bridged = closed(~missing | (column <= reach), FLOOR_BELOW / cell)  # ground that goes on under obstacles
             heights = np.where(bridged, near, np.nan)
             column = np.where(~bridged & (column > 0), -np.minimum(np.abs(self._layer(base)), cell), column)
             column = np.where(_beside_steps(near, bridged, limit), np.minimum(column, cell / 2), column)
@@ -146,7 +146,7 @@ class Mapper:
         return np.asarray(distance.double())
 
 
-def _closed(ground: np.ndarray, radius: float) -> np.ndarray:
+def closed(ground: np.ndarray, radius: float) -> np.ndarray:
     """Ground ``[X, Z]`` with its holes and gaps that are no wider than twice `radius` (cells) filled."""
     from scipy.ndimage import binary_closing
 
