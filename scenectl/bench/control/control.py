@@ -41,7 +41,7 @@ NEAREST, FURTHEST = 0.05, 0.3
 """Metres between a pillar and the body of the recording, where that is nearest."""
 TRIES = 300
 """Draws of a pillar; with fewer than `PILLARS` found by then, a scene has fewer."""
-_CLEAR = Term("sdf_penetration", {"margin": 0.03}, kernel="squared", reduction="sum", weight=300.0)
+_CLEAR = Term.from_table({"use": "sdf_penetration", **AVOID})
 
 
 def bench_control(

@@ -1,0 +1,186 @@
+"""The goals of a walk: a corridor with a schedule, places on the way, the place at its end, and standing there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from objectives import Term
+from objectives.parameters import Time, instances, stated
+from objectives.tracks import TrackBase
+from scenectl.tasks.schema import Walk
+from scenes.body.body import DEFAULT_BODY, ProxyBody
+from scenes.motion.skeleton import FEET
+from scenes.world.floor.levels import STEP
+from scenes.world.floor.polyline import resample, sloped, walked
+
+FASTEST_WALK = 1.6
+"""Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
+PACE = 1.4
+"""Metres a second at which tasks without `seconds` are timed: a person's usual pace. The shipped generators', standing
+included, is a little less (`scenectl bench rooms` prints it); a body that is led more slowly steps lower."""
+PELVIS = 0.91
+"""Height (m) of the pelvis over the lowest foot joint of a person who walks: the mean over what the shipped generator
+makes of "a person walks forward" on level ground, whose standard deviation is 0.02 m."""
+STRIDE = 0.7
+"""Length (m) of a step of a person who walks, over which the body's middle rises with the ground."""
+BRAKE = 0.7
+"""Seconds over which a walk that stops slows down, a step and a half: with 1.0 the corridor is left more often."""
+STAND = 0.3
+"""Seconds for which a walk that stops stands at least."""
+STILL, DOWN = 10.0, 1000.0
+"""Weights of standing still and of feet on the ground."""
+ABOUT = 0.4
+"""Seconds by which a place on the way may be passed before or after the schedule does."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When a walk is where.
+
+    Attributes:
+        arrive: when it is at its end, s.
+        last: the time of the last frame, s.
+        brake: over how long it slows down before, s.
+    """
+
+    arrive: float
+    last: float
+    brake: float
+
+    @classmethod
+    def of(cls, walk: Walk, seconds: float, fps: float) -> Schedule:
+        """Of a walk within so many seconds: earlier than its end, where it stops, by the time of standing there."""
+        last = seconds - 1 / fps
+        latest = max(last - STAND, last / 2) if walk.stop else last
+        arrive = latest if walk.arrive is None else min(walk.arrive, latest)
+        return cls(arrive, last, min(BRAKE, arrive) if walk.stop else 0.0)
+
+    @property
+    def walking(self) -> float:
+        """Seconds that the path takes at its constant speed: slowing down counts half."""
+        return self.arrive - self.brake / 2
+
+    def passed(self, share: float) -> float:
+        """When a share of the path has been passed, s (the inverse of `follow_path`'s own)."""
+        even = share * self.walking
+        if even <= self.arrive - self.brake:
+            return even
+        return self.arrive - float(np.sqrt(max(2 * self.brake * (self.walking - even), 0.0)))
+
+
+def seconds_for(walk: Walk, length: float) -> float:
+    """Seconds that a path of so many metres takes at a person's usual pace, with time to stop where it does."""
+    return length / PACE + (BRAKE / 2 + STAND if walk.stop else 0.0)
+
+
+def walk_terms(
+    walk: Walk,
+    legs: Sequence[np.ndarray],
+    seconds: float,
+    fps: float,
+    goals: Sequence[Term] = (),
+    body: ProxyBody = DEFAULT_BODY,
+) -> list[Term]:
+    """The goals of a walk along planned ways.
+
+    Where the ground rises or falls by more than `STEP`, the pelvis keeps its height over it. What is asked for once
+    the walk has arrived finds it let go: it holds nothing from there on.
+
+    Args:
+        walk: its table.
+        legs: the ways from start to end, ``[P, 3]`` metres each, one for each place that is passed and one to the end.
+        seconds, fps: of the motion.
+        goals: the task's other goals.
+        body: that walks.
+    """
+    schedule = Schedule.of(walk, seconds, fps)
+    asked = None if walk.arrive is None else _first_asked(goals, schedule.arrive)
+    until = schedule.last if asked is None else max(min(schedule.arrive + STAND, asked), schedule.arrive + 1 / fps)
+    terms = _way(walk, legs, schedule, None if asked is None else until, body)
+    x, _, z = legs[-1][-1].tolist()
+    held: dict[str, Any] = {"window": (schedule.arrive, until)} if walk.stop else {"at": schedule.arrive}
+    target = {"joint": "pelvis", "position": [x, z]}
+    terms.append(Term("joint_target", target, walk.weight, walk.tolerance, name="walk: arrive", **held))
+    return [*terms, *_standing(walk, schedule.arrive, until)]
+
+
+def _way(
+    walk: Walk, legs: Sequence[np.ndarray], schedule: Schedule, until: float | None, body: ProxyBody
+) -> list[Term]:
+    """The corridor, and the places to pass in the order in which they are passed."""
+    path = joined(legs)
+    lengths = [walked(leg) for leg in legs]
+    if sum(lengths) < 0.05:
+        return []
+    rises = bool(np.ptp(path[:, 1]) > STEP)
+    # 5 cm between vertices would only cost time; the places that are passed stay among them.
+    line = sloped(path, STRIDE) if rises else joined([resample(leg[:, [0, 2]], 0.2) for leg in legs])
+    corridor = {
+        "path": line.tolist(),
+        "half_width": walk.half_width,
+        "begin": 0.0,
+        "end": schedule.arrive,
+        "brake": schedule.brake,
+        "height": PELVIS + body.sole_offset if rises else None,
+    }
+    window = None if until is None else (0.0, until)
+    terms = [Term("follow_path", corridor, walk.weight, window=window, name="walk: path")]
+    times = [schedule.passed(share) for share in np.cumsum(lengths[:-1]) / sum(lengths)]
+    between = [0.0, *((a + b) / 2 for a, b in pairwise(times)), schedule.arrive]
+    for k, (leg, time, (begin, end)) in enumerate(zip(legs, times, pairwise(between), strict=False)):
+        x, _, z = leg[-1].tolist()
+        about = (max(time - ABOUT, begin), min(time + ABOUT, end))
+        place = {"joint": "pelvis", "position": [x, z]}
+        terms.append(
+            Term("joint_target", place, walk.weight, walk.via_tolerance, sometime=about, name=f"walk: via {k + 1}")
+        )
+    return terms
+
+
+def _standing(walk: Walk, arrive: float, until: float) -> Iterator[Term]:
+    """A pelvis that rests from arrival on, and feet and neck that do at last: without the neck, a third of them bow."""
+    if not walk.stop:
+        return
+    feet, last = list(FEET), (max(arrive, until - STAND), until)
+    pelvis = {"joints": "pelvis", "axes": "xz"}
+    yield Term("speed_limit", pelvis, STILL * walk.weight, window=(arrive, until), name="walk: stop")
+    yield Term("speed_limit", {"joints": [*feet, "neck"]}, STILL * walk.weight, window=last, name="walk: standing")
+    ground = {"feet": feet, "each": True}
+    yield Term(
+        "foot_contact",
+        ground,
+        DOWN * walk.weight,
+        kernel="squared",
+        reduction="sum",
+        window=last,
+        name="walk: feet down",
+    )
+
+
+def joined(legs: Sequence[np.ndarray]) -> np.ndarray:
+    """Polylines ``[P, d]``, each of which begins where the one before ends, as one."""
+    return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+
+
+def _first_asked(goals: Sequence[Term], arrive: float) -> float | None:
+    """When (s) the first goal after arrival asks for something: one that begins after it, or pulls beyond it."""
+    spans = [(span, term.spec.pulls) for term in goals if term.weight > 0 for span in _spans(term)]
+    later = [max(begin, arrive) for (begin, end), pulls in spans if begin > arrive or (pulls and end > arrive)]
+    return min(later, default=None)
+
+
+def _spans(term: Term) -> Iterator[tuple[float, float]]:
+    """From when to when (s) a term applies, as far as it states times."""
+    yield from ((time, time) for time in term.times)
+    yield from (span for span in (term.window, term.sometime) if span is not None)
+    yield from (track.span for track in instances(dict(term.parameters), TrackBase))
+    given = [
+        time for name, p in term.spec.parameters.items() for time in stated(p.hint, term.parameters.get(name), Time)
+    ]
+    if given:
+        yield min(given), max(given)
