@@ -190,9 +190,11 @@ class Walk(_Table):
         """The same walk so much (m) further."""
         return self.model_copy(update={"to": _moved(self.to, by), "via": tuple(_moved(p, by) for p in self.via)})
 
-    def legs(self, area: FreeArea, start: Spot) -> list[np.ndarray]:
-        """The planner's ways from `start` over each of `via` to `to`, ``[P, 3]``; UserError when there is none."""
-        return [area.path(a, b, self.radius) for a, b in pairwise([start, *self.via, self.to])]
+    def path(self, area: FreeArea, start: Spot) -> np.ndarray:
+        """The planner's way from `start` over `via` to `to`, ``[P, 3]``; UserError when there is none."""
+        stops = [start, *self.via, self.to]
+        legs = [area.path(a, b, self.radius) for a, b in pairwise(stops)]
+        return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
 
 
 class GeneratorSpec(_Table):

@@ -12,7 +12,7 @@ import torch
 from objectives import Context, Objective
 from scenectl.generators.spec import Spec
 from scenectl.tasks.schema import Start, TaskTable, Walk
-from scenectl.tasks.walk import FASTEST_WALK, Schedule, joined, seconds_for, walk_terms
+from scenectl.tasks.walk import FASTEST_WALK, Schedule, seconds_for, walk_terms
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place
@@ -64,12 +64,132 @@ class Setup:
         if not len(taken):
             return self.scene.doubts
         ways = ((taken[taken > 0], "up"), (taken[taken < 0], "down"))
+        told = (
+            f"{len(some)} step{'s' if len(some) > 1 else ''} {way} of up to {np.abs(some).max():.2f} m"
+            for some, way in ways
+            if len(some)
+        )
+        return (*self.scene.doubts, f"the walk takes {' and '.join(told)}, as no level way exists")
+
+
+def plan(
+    task: TaskTable,
+    seed: int | None = None,
+    start: Pose2D | None = None,
+    scene: Scene | None = None,
+    spec: Spec | None = None,
+) -> Setup:
+    """Everything a generator needs, checked; raises UserError for what cannot be right.
+
+    Args:
+        task: its tables.
+        seed: of the sampled start, by default the task's.
+        start: of a finished motion, which is to be judged, wherever it begins; by default the task's own.
+        scene: instead of reading it again.
+        spec: of the generator, where it is not the one that the task names.
+    """
+    scene = task.load_scene() if scene is None else scene
+    with in_doubt(lambda: scene.doubts_so_far):
+        return _planned(task, seed, start, scene, spec)
+
+
+def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Scene, spec: Spec | None) -> Setup:
+    spec = task.generator.family.spec if spec is None else spec
+    body = task.load_body()
+    context = Context(scene, body)
+    rng = np.random.default_rng(task.seed if seed is None else seed)
+    area = None if task.walk is None else free_area(scene, task.walk.radius, task.walk.height)
+    if start is None:
+        place = _place(task, scene, area, rng, spec.window)
+        _check_standing(scene, place, body)
+    else:
+        place = _below(scene, start.position)
+    path = None if task.walk is None or area is None else _path(task.walk, area, place)
+    seconds = _seconds(task, path, spec)
+    if start is None:
+        start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), _heading(task, path))
+    walk = () if task.walk is None or path is None else walk_terms(task.walk, path, seconds, spec.fps, task.terms, body)
+    objective = Objective((*walk, *task.terms, *task.avoided))
+    objective.check(context, seconds, spec.fps)
+    return Setup(task, scene, body, context, objective, start, seconds, path)
+
+
+def _place(
+    task: TaskTable, scene: Scene, area: FreeArea | None, rng: np.random.Generator, window: float
+) -> tuple[float, float, float]:
+    """Ground point of the start: stated, sampled, or the origin."""
+    if isinstance(task.start, Start):
+        p = task.start.position
+        return (p[0], _ground(scene, p[0], p[1]), p[1]) if len(p) == 2 else (p[0], p[1], p[2])
+    if task.start is None and not (scene.meshes or scene.primitives or scene.objects):
+        return 0.0, scene.floor.height, 0.0
+    area = free_area(scene) if area is None else area
+    if task.walk is None:
+        x, z = (float(value) for value in area.sample(1, rng, 0.4)[0])
+        return x, _ground(scene, x, z), z
+    storeys = sorted({0, area.storey(task.walk.to, task.walk.radius)}, reverse=True)
+    tries = [(k, *place) for k in storeys for place in area.sample(64, rng, task.walk.radius, k).tolist()]
+    for storey, x, z in tries:
+        ground = float(area.sheets[storey].ground(np.array([[x, z]]))[0]) if storey else _ground(scene, x, z)
+        place = (x, ground, z)
+        try:
+            length = walked(task.walk.path(area, place))
+        except UserError:
+            continue
+        if 1.0 <= length <= 0.75 * FASTEST_WALK * min(task.seconds or window, window):
+            return place
+    raise UserError(f"no free start from which {_at(scene, task.walk.to)} can be walked to was found; state 'start'")
+
+
+def _ground(scene: Scene, x: float, z: float) -> float:
+    """Height (m) of the ground at a place, nearest to the floor's; the floor's where there is none."""
+    height = float(scene.ground_at(x, z))
+    return scene.floor.height if math.isnan(height) else height
+
+
+def _below(scene: Scene, place: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The ground under a place that may hang in the air or lie a little in the ground; itself where there is none."""
+    x, y, z = place
+    height = float(scene.ground_at(x, z, y + GROUND))
+    return x, y if math.isnan(height) else height, z
+
+
+def _path(walk: Walk, area: FreeArea, place: tuple[float, float, float]) -> np.ndarray:
+    try:
+        return walk.path(area, place)
+    except UserError as error:
+        raise UserError(f"walk: {error}") from error
+
+
+def _heading(task: TaskTable, path: np.ndarray | None) -> float:
+    if isinstance(task.start, Start) and task.start.heading is not None:
+        return task.start.heading
+    return 0.0 if path is None else heading_along(path)
+
+
+def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
+    if path is None or task.walk is None:
+        assert task.seconds is not None
+        return task.seconds
+    walk, length = task.walk, walked(path)
+    if task.seconds is None:
+        seconds = max(round(seconds_for(walk, length), 1), spec.shortest)
+        if seconds > spec.longest:
+            raise UserError(
+                f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} "
+                "s at most; give a nearer target"
+            )
+        return seconds
+    if walk.arrive is not None and not 0 < walk.arrive <= task.seconds:
+        raise UserError(f"walk: 'arrive' is {walk.arrive:g} s; give a time within the {task.seconds:g} s of the task")
+    arrive = task.seconds if walk.arrive is None else walk.arrive
+    walking = Schedule.of(walk, task.seconds, spec.fps).walking if walk.stop else arrive
+    if length > FASTEST_WALK * walking:
         unstopped = " and stop (stop = false walks on)" if length <= FASTEST_WALK * arrive else ""
         raise UserError(
             f"walk: the path is {length:.1f} m long, too far to walk in {arrive:g} s{unstopped} "
             f"({length / walking:.1f} m/s); give more seconds or a nearer target"
         )
-
     return task.seconds
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from objectives import Term
 from objectives.parameters import Time, instances, stated
 from objectives.tracks import TrackBase
-from scenectl.tasks.schema import Walk
+from scenectl.tasks.schema import Spot, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.motion.skeleton import FEET
 from scenes.world.floor.levels import STEP
@@ -80,20 +80,20 @@ def seconds_for(walk: Walk, length: float) -> float:
 
 def walk_terms(
     walk: Walk,
-    legs: Sequence[np.ndarray],
+    path: np.ndarray,
     seconds: float,
     fps: float,
     goals: Sequence[Term] = (),
     body: ProxyBody = DEFAULT_BODY,
 ) -> list[Term]:
-    """The goals of a walk along planned ways.
+    """The goals of a walk along a planned path.
 
     Where the ground rises or falls by more than `STEP`, the pelvis keeps its height over it. What is asked for once
     the walk has arrived finds it let go: it holds nothing from there on.
 
     Args:
         walk: its table.
-        legs: the ways from start to end, ``[P, 3]`` metres each, one for each place that is passed and one to the end.
+        path: from its start over the places on the way to its end, ``[P, 3]`` metres.
         seconds, fps: of the motion.
         goals: the task's other goals.
         body: that walks.
@@ -101,25 +101,24 @@ def walk_terms(
     schedule = Schedule.of(walk, seconds, fps)
     asked = None if walk.arrive is None else _first_asked(goals, schedule.arrive)
     until = schedule.last if asked is None else max(min(schedule.arrive + STAND, asked), schedule.arrive + 1 / fps)
-    terms = _way(walk, legs, schedule, None if asked is None else until, body)
-    x, _, z = legs[-1][-1].tolist()
+    terms = _way(walk, path, schedule, None if asked is None else until, body)
+    x, _, z = path[-1].tolist()
     held: dict[str, Any] = {"window": (schedule.arrive, until)} if walk.stop else {"at": schedule.arrive}
     target = {"joint": "pelvis", "position": [x, z]}
     terms.append(Term("joint_target", target, walk.weight, walk.tolerance, name="walk: arrive", **held))
     return [*terms, *_standing(walk, schedule.arrive, until)]
 
 
-def _way(
-    walk: Walk, legs: Sequence[np.ndarray], schedule: Schedule, until: float | None, body: ProxyBody
-) -> list[Term]:
+def _way(walk: Walk, path: np.ndarray, schedule: Schedule, until: float | None, body: ProxyBody) -> list[Term]:
     """The corridor, and the places to pass in the order in which they are passed."""
-    path = joined(legs)
+    legs = _legs(path, walk.via)
     lengths = [walked(leg) for leg in legs]
     if sum(lengths) < 0.05:
         return []
     rises = bool(np.ptp(path[:, 1]) > STEP)
     # 5 cm between vertices would only cost time; the places that are passed stay among them.
-    line = sloped(path, STRIDE) if rises else joined([resample(leg[:, [0, 2]], 0.2) for leg in legs])
+    flat = [resample(leg[:, [0, 2]], 0.2) for leg in legs]
+    line = sloped(path, STRIDE) if rises else np.concatenate([flat[0], *(leg[1:] for leg in flat[1:])])
     corridor = {
         "path": line.tolist(),
         "half_width": walk.half_width,
@@ -162,9 +161,14 @@ def _standing(walk: Walk, arrive: float, until: float) -> Iterator[Term]:
     )
 
 
-def joined(legs: Sequence[np.ndarray]) -> np.ndarray:
-    """Polylines ``[P, d]``, each of which begins where the one before ends, as one."""
-    return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+def _legs(path: np.ndarray, via: Sequence[Spot]) -> list[np.ndarray]:
+    """A path ``[P, 3]`` cut where it first comes to each of the places that it passes in turn."""
+    cuts = [0]
+    for place in via:
+        rest = path[cuts[-1] :, [0, 2] if len(place) == 2 else [0, 1, 2]]
+        away = np.linalg.norm(rest - np.asarray(place), axis=1)
+        cuts.append(cuts[-1] + int(np.argmax(away <= away.min() + 1e-3)))
+    return [path[a : b + 1] for a, b in pairwise([*cuts, len(path) - 1])]
 
 
 def _first_asked(goals: Sequence[Term], arrive: float) -> float | None:
@@ -177,7 +181,7 @@ def _first_asked(goals: Sequence[Term], arrive: float) -> float | None:
 def _spans(term: Term) -> Iterator[tuple[float, float]]:
     """From when to when (s) a term applies, as far as it states times."""
     yield from ((time, time) for time in term.times)
-    yield from (span for span in (term.window, term.sometime) if span is not None)
+    yield from ((span[0], span[1]) for span in (term.window, term.sometime) if span is not None)
     yield from (track.span for track in instances(dict(term.parameters), TrackBase))
     given = [
         time for name, p in term.spec.parameters.items() for time in stated(p.hint, term.parameters.get(name), Time)
