@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
 
 from objectives import Term
+from objectives.checks import places
 from objectives.parameters import Time, instances, stated
 from objectives.tracks import TrackBase
 from scenectl.tasks.schema import Spot, Walk
@@ -34,6 +35,10 @@ STAND = 0.3
 """Seconds for which a walk that stops stands at least."""
 STILL, DOWN = 10.0, 1000.0
 """Weights of standing still and of feet on the ground."""
+REACH = 0.9
+"""Metres over the floor to where a hand reaches of a person who stands and leans: an arm of 0.65 m, and a little."""
+LEGS = {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot"))}
+"""Joints that a walk holds after it has arrived."""
 ABOUT = 0.4
 """Seconds by which a place on the way may be passed before or after the schedule does."""
 
@@ -88,8 +93,9 @@ def walk_terms(
 ) -> list[Term]:
     """The goals of a walk along a planned path.
 
-    Where the ground rises or falls by more than `STEP`, the pelvis keeps its height over it. What is asked for once
-    the walk has arrived finds it let go: it holds nothing from there on.
+    Where the ground rises or falls by more than `STEP`, the pelvis keeps its height over it. Goals that ask for a leg,
+    the pelvis or a place out of reach once a walk has arrived when its table says find it over; others find a person
+    who stands there.
 
     Args:
         walk: its table.
@@ -99,17 +105,20 @@ def walk_terms(
         body: that walks.
     """
     schedule = Schedule.of(walk, seconds, fps)
-    asked = None if walk.arrive is None else _first_asked(goals, schedule.arrive)
-    until = schedule.last if asked is None else max(min(schedule.arrive + STAND, asked), schedule.arrive + 1 / fps)
-    terms = _way(walk, path, schedule, None if asked is None else until, body)
     x, _, z = path[-1].tolist()
-    held: dict[str, Any] = {"window": (schedule.arrive, until)} if walk.stop else {"at": schedule.arrive}
+    asked = None if walk.arrive is None else _first_asked(goals, schedule.arrive, (x, z))
+    until = schedule.last if asked is None else max(min(schedule.arrive + STAND, asked), schedule.arrive + 1 / fps)
+    terms = _way(walk, path, schedule, None if asked is None else until, fps, body)
+    rest = (schedule.arrive, min(schedule.arrive + STAND, until))
+    held: dict[str, Any] = {"window": rest} if walk.stop else {"at": schedule.arrive}
     target = {"joint": "pelvis", "position": [x, z]}
     terms.append(Term("joint_target", target, walk.weight, walk.tolerance, name="walk: arrive", **held))
     return [*terms, *_standing(walk, schedule.arrive, until)]
 
 
-def _way(walk: Walk, path: np.ndarray, schedule: Schedule, until: float | None, body: ProxyBody) -> list[Term]:
+def _way(
+    walk: Walk, path: np.ndarray, schedule: Schedule, until: float | None, fps: float, body: ProxyBody
+) -> list[Term]:
     """The corridor, and the places to pass in the order in which they are passed."""
     legs = _legs(path, walk.via)
     lengths = [walked(leg) for leg in legs]
@@ -131,13 +140,13 @@ def _way(walk: Walk, path: np.ndarray, schedule: Schedule, until: float | None, 
     terms = [Term("follow_path", corridor, walk.weight, window=window, name="walk: path")]
     times = [schedule.passed(share) for share in np.cumsum(lengths[:-1]) / sum(lengths)]
     between = [0.0, *((a + b) / 2 for a, b in pairwise(times)), schedule.arrive]
-    for k, (leg, time, (begin, end)) in enumerate(zip(legs, times, pairwise(between), strict=False)):
+    for k, (leg, time) in enumerate(zip(legs, times, strict=False)):
         x, _, z = leg[-1].tolist()
-        about = (max(time - ABOUT, begin), min(time + ABOUT, end))
+        before, after = min(time - between[k], ABOUT), min(between[k + 1] - time, ABOUT)
+        about = (max(time - max(before, 1 / fps), 0.0), time + max(after, 1 / fps))  # a frame at least
+        options: dict[str, Any] = {"sometime": about, "name": f"walk: via {k + 1}"}
         place = {"joint": "pelvis", "position": [x, z]}
-        terms.append(
-            Term("joint_target", place, walk.weight, walk.via_tolerance, sometime=about, name=f"walk: via {k + 1}")
-        )
+        terms.append(Term("joint_target", place, walk.weight, walk.via_tolerance, **options))
     return terms
 
 
@@ -149,16 +158,8 @@ def _standing(walk: Walk, arrive: float, until: float) -> Iterator[Term]:
     pelvis = {"joints": "pelvis", "axes": "xz"}
     yield Term("speed_limit", pelvis, STILL * walk.weight, window=(arrive, until), name="walk: stop")
     yield Term("speed_limit", {"joints": [*feet, "neck"]}, STILL * walk.weight, window=last, name="walk: standing")
-    ground = {"feet": feet, "each": True}
-    yield Term(
-        "foot_contact",
-        ground,
-        DOWN * walk.weight,
-        kernel="squared",
-        reduction="sum",
-        window=last,
-        name="walk: feet down",
-    )
+    squares: dict[str, Any] = {"kernel": "squared", "reduction": "sum", "window": last, "name": "walk: feet down"}
+    yield Term("foot_contact", {"feet": feet, "each": True}, DOWN * walk.weight, **squares)
 
 
 def _legs(path: np.ndarray, via: Sequence[Spot]) -> list[np.ndarray]:
@@ -171,11 +172,30 @@ def _legs(path: np.ndarray, via: Sequence[Spot]) -> list[np.ndarray]:
     return [path[a : b + 1] for a, b in pairwise([*cuts, len(path) - 1])]
 
 
-def _first_asked(goals: Sequence[Term], arrive: float) -> float | None:
-    """When (s) the first goal after arrival asks for something: one that begins after it, or pulls beyond it."""
-    spans = [(span, term.spec.pulls) for term in goals if term.weight > 0 for span in _spans(term)]
-    later = [max(begin, arrive) for (begin, end), pulls in spans if begin > arrive or (pulls and end > arrive)]
-    return min(later, default=None)
+def _first_asked(goals: Sequence[Term], arrive: float, end: tuple[float, float]) -> float | None:
+    """When (s) the first goal after arrival asks for what a walk holds, which ends at x and z (m); None if none does.
+
+    Such a goal begins after it, or pulls beyond it.
+    """
+    found = [
+        max(begin, arrive)
+        for term in goals
+        if term.weight > 0 and _asks(term, end)
+        for begin, finish in _spans(term)
+        if begin > arrive or (term.spec.pulls and finish > arrive)
+    ]
+    return min(found, default=None)
+
+
+def _asks(term: Term, end: tuple[float, float]) -> bool:
+    """Whether a goal is about the pelvis or legs, or draws to a place that is out of reach from a place [x, z] (m)."""
+    named = {*term.joints, *chain(*(_names(term.parameters.get(key)) for key in ("joints", "feet")))}
+    away = [place[[0, 2]] - end for place in places(dict(term.parameters))] if term.spec.pulls else []
+    return bool(named & LEGS) or any(np.linalg.norm(offset) > REACH for offset in away)
+
+
+def _names(joints: str | Sequence[str] | None) -> Sequence[str]:
+    return (joints,) if isinstance(joints, str) else joints or ()
 
 
 def _spans(term: Term) -> Iterator[tuple[float, float]]:

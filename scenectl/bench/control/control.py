@@ -27,6 +27,7 @@ from scenectl.data.corpus import Clip
 from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
+from scenectl.tasks.schema import AVOID
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.mesh.primitives import Cylinder
