@@ -11,7 +11,7 @@ import pytest
 from objectives import Term
 from scenectl.generators.mscot.settings import SPEC
 from scenectl.tasks.schema import SceneSpec, Walk
-from scenectl.tasks.setup import PACE, heading_along, start_of
+from scenectl.tasks.setup import heading_along, start_of
 from scenectl.tasks.task import Task, load_task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
