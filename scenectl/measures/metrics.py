@@ -236,13 +236,14 @@ def _is_floor(mesh: Mesh, height: float) -> np.ndarray:
     return flat
 
 
-def measure(motion: Motion, scorer: Scorer) -> dict[str, float | str | None]:
+def measure(motion: Motion, scorer: Scorer, depths: Depths | None = None) -> dict[str, float | str | None]:
     """Every figure of this module for one motion, ``[T, J, 3]``: metres, seconds, ratios.
 
-    `deepest_penetration_m` is of obstacles; `deepest_at_s` and `deepest_part` say when and with what.
+    `deepest_penetration_m` is of obstacles; `deepest_at_s` and `deepest_part` say when and with what. `depths` are the
+    scorer's, where they are known already.
     """
     ground, body = scorer.ground(motion), scorer.body
-    depths = scorer.depths(motion)
+    depths = scorer.depths(motion) if depths is None else depths
     frame = int(depths.obstacles.argmax())
     deepest = float(depths.obstacles[frame])
     real = motion.valid.cpu().numpy()

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from scenectl.measures.believability.verdict import Finding, Verdict
-from scenectl.measures.metrics import Scorer
+from scenectl.measures.metrics import Depths, Scorer
 from scenes.motion.motion import Motion
 
 Exemption = tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None]
 """Joints (none: the whole body) that may touch the scene, and the windows (s) in which they may (None: always)."""
+
+Series = dict[str, list[float | None] | dict[str, list[float | None]]]
+"""Numbers for each frame by name, those about parts of the body by part; None where there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +29,9 @@ class Judge:
     prompt: str = ""
     exemptions: tuple[Exemption, ...] = ()
 
-    def verdict(self, motion: Motion) -> Verdict:
-        """The verdict on one motion, ``[T, J, 3]`` in the scene's frame."""
-        depths = self.scorer.depths(motion)
+    def verdict(self, motion: Motion, depths: Depths | None = None) -> Verdict:
+        """The verdict on one motion, ``[T, J, 3]`` in the scene's frame; `depths` where the scorer was asked before."""
+        depths = self.scorer.depths(motion) if depths is None else depths
         deepest = float(depths.obstacles.max())
         if deepest <= 0.01:
             return Verdict((), {"penetration_m": deepest})
@@ -37,6 +40,6 @@ class Judge:
         told = f"{part} {100 * deepest:.0f} cm deep in an obstacle at {at:.2f} s"
         return Verdict((Finding("penetration", deepest, 0.01, "m", told, at, part),), {"penetration_m": deepest})
 
-    def series(self, motion: Motion) -> dict[str, list[float | None] | dict[str, list[float | None]]]:
+    def series(self, motion: Motion) -> Series:
         """Per frame of one motion, ``[T, J, 3]``: "clearance_m" by part, "speed_m_per_s", "support"."""
         return {}

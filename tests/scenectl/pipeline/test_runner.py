@@ -17,8 +17,9 @@ from objectives import Objective, Term, forget
 from scenectl.control import SolverSettings
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.rank import ranked
-from scenectl.pipeline.results import FORMAT, load_result
+from scenectl.pipeline.results import load_result
 from scenectl.pipeline.run import run, score
+from scenectl.pipeline.tables import FORMAT
 from scenectl.tasks.code import allow_code
 from scenes.errors import UserError
 from scenes.mesh.primitives import Box
