@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from scenes.errors import UserError
+from scenes.world.floor.polyline import walked
 
 FORMAT = 2
 """Version of report.json. The first knew no verdict: what is from then has None for it."""
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
-Point = tuple[Number, Number, Number]
+Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""Metres: no projection of the Earth has a coordinate over 2.1e7."""
+Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class _Table(BaseModel):
@@ -36,11 +42,18 @@ class WalkTable(_Table):
 
     Attributes:
         path: on the ground, m, world.
-        length_m: of it.
+        length_m: of it, as seen from above.
     """
 
     path: Annotated[tuple[Point, ...], Field(min_length=1)]
-    length_m: Number
+    length_m: Annotated[Number, Field(ge=0, le=10_000)]  # no walk of a minute is a hundredth of that
+
+    @model_validator(mode="after")
+    def _as_long_as_told(self) -> WalkTable:
+        length = walked(np.array(self.path))
+        if abs(length - self.length_m) > 0.1 + 0.01 * self.length_m:  # corners are rounded to 0.1 mm
+            raise UserError(f"the path of the walk is {length:.4g} m long, and its length_m {self.length_m:.4g}")
+        return self
 
 
 class SceneTable(_Table):
