@@ -51,11 +51,12 @@ def diagnosis(objective: Objective, motion: Motion, context: Context) -> str | N
     from the start or from another target at `FASTEST`.
     """
     with torch.no_grad():
-        targets = [target for term in objective.counted for target in _targets(term, motion, context)]
+        found = {term.name: _targets(term, motion, context) for term in objective.counted}
+    targets = [target for some in found.values() for target in some]
     missed = [t for t in targets if not t.met]
-    if not missed:
+    said = [f"{name} is never active" for name, some in found.items() if not some]
+    if not missed and not said:
         return None
-    said: list[str] = []
     innocent = list(targets)
     while missed and len(said) < _NAMED:
         worst = max(missed, key=lambda t: _severity(t, innocent, motion))

@@ -35,6 +35,8 @@ _RESERVED = frozenset(TERM_KEYS) - {"at", "weights"}
 
 JOINT = "joint"
 """A goal whose parameter has this name is about that joint or those joints, and need not say so in its result."""
+EXEMPT = ("exempt", "exempt_windows")
+"""Parameters of goals that keep the body out of things: joints that may touch them, and when."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 
@@ -13,12 +13,14 @@ class TermReport:
 
     Attributes:
         name: the term's name; goal: the goal it uses; unit: of worst, mean and tolerance.
-        worst: largest length of any active entry. mean: over all active (frame, entry) pairs.
-        tolerance, met: met is worst <= tolerance; what is not a number is never met.
+        worst: largest length of any active entry. mean: over all active (frame, entry) pairs. Both nan where the term
+            was never active.
+        tolerance, met: met is worst <= tolerance; what is not a number or never active is never met.
         when: time of the worst, seconds on the task's clock; None where nothing was active.
         where: the joint or point of the worst, and its `position` in the world, metres.
         active_frames: frames at which the term applied.
         cost: the term's share of the objective's cost. weight: the term's.
+        series: largest length of any active entry in each frame; None where none was.
     """
 
     name: str
@@ -34,15 +36,16 @@ class TermReport:
     where: str | None = None
     position: tuple[float, float, float] | None = None
     active_frames: int = 0
+    series: tuple[float | None, ...] = field(default=(), repr=False)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, which knows no nan or infinity: those become None."""
-        return {key: _finite(value) for key, value in asdict(self).items()}
+        """All but the series, for JSON, which knows no nan or infinity: those become None."""
+        return {key: _finite(value) for key, value in asdict(replace(self, series=())).items() if key != "series"}
 
     def sentence(self) -> str:
         """One line for a person: name, worst, when, where, tolerance, met or not."""
         if self.when is None:
-            return f"{self.name}: never active"
+            return f"{self.name}: not met (never active)"
         place = f" at {self.where}" if self.where else ""
         met = "met" if self.met else "not met"
         figures = f"worst {self.worst:.3g} {self.unit}{place} at {self.when:.2f} s, mean {self.mean:.3g} {self.unit}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from objectives.kernels import Kernel, Reduction, kernel_cost, least_squares_wei
 from objectives.marks import Mark, marks_of_parameters, marks_of_targets
 from objectives.maths import frames_near, within
 from objectives.parameters import NotNegative, Positive, moved, parse
-from objectives.registry import JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
+from objectives.registry import EXEMPT, JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
 from objectives.report import TermReport
 from scenes.errors import UserError
 from scenes.motion.frames import Place
@@ -123,7 +124,7 @@ class Term:
             if given.get(key) is not None:
                 keep(key, given[key])
             given.pop(key, None)
-        for key, value in _options(self.label, {key: getattr(self, key) for key in _OPTIONS}).items():
+        for key, value in _options(self.label, {key: getattr(self, key) for key in OPTIONS}).items():
             keep(key, value)
         for key in ("at", "weights"):
             value = getattr(self, key)
@@ -194,6 +195,18 @@ class Term:
         return replace(self, parameters=further)
 
     @property
+    def exemption(self) -> tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None] | None:
+        """What the term was told to let touch the scene (its goal's `exempt` and `exempt_windows`); None for nothing.
+
+        Joints (none: the whole body), and the windows (s) in which they may (None: always).
+        """
+        joints, windows = (self.parameters.get(name) for name in EXEMPT)
+        if not joints and windows is None:
+            return None
+        named = (joints,) if isinstance(joints, str) else tuple(joints or ())
+        return named, None if windows is None else tuple((begin, end) for begin, end in windows)
+
+    @property
     def label(self) -> str:
         """How errors name the term: with its goal where that is not its name."""
         return f"goal '{self.name}'" if self.name == self.goal else f"goal '{self.name}' ({self.goal})"
@@ -243,7 +256,7 @@ class Term:
         return self._cost(self.evaluate(motion, context))
 
     def met(self, motion: Motion, context: Context) -> Bool[Tensor, "*b"]:
-        """Which samples have every active entry within the tolerance."""
+        """Which samples have every active entry within the tolerance, and one at least."""
         return self._met(self.evaluate(motion, context))
 
     def assess(self, motion: Motion, context: Context) -> Assessed:
@@ -260,7 +273,7 @@ class Term:
     def _met(self, found: Evaluated) -> Bool[Tensor, "*b"]:
         # Written so that what is not a number never passes.
         within_tolerance = (found.square.sqrt() <= self.allowed) | ~found.mask
-        return within_tolerance.flatten(-2).all(-1)
+        return within_tolerance.flatten(-2).all(-1) & found.mask.flatten(-2).any(-1)
 
     def block(self, motion: Motion, context: Context) -> Float[Tensor, "*b F k"]:
         """Rows for least squares over the F frames at which some sample is active; one frame for `sometime`.
@@ -305,11 +318,15 @@ class Term:
         motion: Motion,
     ) -> TermReport:
         name, unit = str(self.goal), self.spec.unit
-        empty = TermReport(self.name, name, unit, 0.0, 0.0, self.allowed, met=True, cost=cost, weight=self.weight)
-        if not mask.any():
-            return empty
         # What is not a number is the worst there is: it must never pass as met.
         ranked = torch.where(mask, size.nan_to_num(nan=torch.inf), -1.0)
+        series = [value if value >= 0 else None for value in ranked.amax(-1).tolist()]
+        empty = TermReport(
+            self.name, name, unit, math.nan, math.nan, self.allowed, met=False, cost=cost, weight=self.weight,
+            series=tuple(series),
+        )  # fmt: skip
+        if not mask.any():
+            return empty
         frame, entry = divmod(int(ranked.argmax()), size.shape[-1])
         worst = float(size[frame, entry])
         position = None
@@ -406,7 +423,7 @@ class Term:
         return labels, None if points is None else points.detach(), None if targets is None else targets.detach()
 
 
-_OPTIONS: dict[str, Any] = {
+OPTIONS: dict[str, Any] = {
     "weight": NotNegative,
     "tolerance": NotNegative | None,
     "at": float | tuple[float, ...] | None,
@@ -418,11 +435,12 @@ _OPTIONS: dict[str, Any] = {
     "delta": Positive | None,
     "name": str,
 }
+"""Types of the keys of a term that are not its goal's."""
 
 
 def _options(label: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of a term converted to their types; raises UserError for one that does not fit."""
-    return {key: parse(f"{label}: '{key}'", _OPTIONS[key], value) for key, value in given.items()}
+    return {key: parse(f"{label}: '{key}'", OPTIONS[key], value) for key, value in given.items()}
 
 
 def _per_component(per_entry: Shaped[Tensor, "*b T n"], sizes: tuple[int, ...]) -> Shaped[Tensor, "*b T k"]:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 from torch import Tensor
 
 from objectives.parameters import File, Point, Positive
@@ -177,6 +177,9 @@ def _array(value: Any) -> Any:
     return value if value is None else np.asarray(value)
 
 
+_Array = Annotated[np.ndarray | None, BeforeValidator(_array), WithJsonSchema({"type": ["array", "null"]})]
+
+
 class ArrayTrack(TrackBase):
     """Positions sampled at a fixed rate, from a file or as an array.
 
@@ -191,8 +194,8 @@ class ArrayTrack(TrackBase):
 
     kind: Literal["array"] = "array"
     file: File | None = None
-    positions: Annotated[np.ndarray | None, BeforeValidator(_array)] = None
-    mask: Annotated[np.ndarray | None, BeforeValidator(_array)] = None
+    positions: _Array = None
+    mask: _Array = None
     fps: Positive = 20.0
     begin: float = 0.0
 

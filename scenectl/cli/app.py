@@ -18,7 +18,7 @@ from scenectl.console.lazy import group
 from scenectl.version import __version__
 from scenes.errors import UserError
 
-COMMANDS = ("check", "run", "score", "view", "edit", "goals", "scenes", "bake", "body", "train", "bench")
+COMMANDS = ("check", "run", "score", "view", "edit", "goals", "schema", "scenes", "bake", "body", "train", "bench")
 
 app = typer.Typer(
     cls=group("scenectl.cli", *COMMANDS),

@@ -10,7 +10,8 @@ import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import bars, err, literal, out
-from scenectl.console.options import GENERATOR, Generator, MotionFile
+from scenectl.console.options import GENERATOR, AllowUnmet, Generator, MotionFile
+from scenectl.console.results import leave, show_samples
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,8 +39,12 @@ def edit(
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
     weights: Annotated[str, typer.Option(help="Bundled weights, or a folder.")] = "default",
     generator: Generator = GENERATOR,
+    allow_unmet: AllowUnmet = False,
 ) -> None:
-    """Make parts of a motion anew: motion.npz and report.json in DIR, as `scenectl run` writes them."""
+    """Make parts of a motion anew: motion.npz and report.json in DIR, as `scenectl run` writes them.
+
+    Exits with 3 where no edit is believable, what was kept included.
+    """
     with importing():
         from scenectl.generators import load_generator
         from scenectl.generators.registry import find
@@ -59,7 +64,9 @@ def edit(
     result.report["edit"]["motion"] = str(motion)
     result.save(output, preview=False)
     err.print(literal(f"weights: {maker.licence}"))
+    show_samples(result)
     out.print(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote motion.npz and report.json in {output}")
+    leave(result, allow_unmet)
 
 
 def _mask(motion: Motion, regenerate: list[str], keep: list[str]) -> Bool[Tensor, " T"]:

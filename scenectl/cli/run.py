@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from scenectl.cli.clock import importing, since_start, told
-from scenectl.cli.score import show_samples
-from scenectl.console.console import bars, doubt, err, literal, out
-from scenectl.console.options import AllowCode, TaskFile, allow
-from scenes.errors import UserError
-
-if TYPE_CHECKING:
-    from scenectl.pipeline.results import Result
+from scenectl.console.console import bars, doubt, literal, out
+from scenectl.console.options import AllowCode, AllowUnmet, TaskFile, allow
+from scenectl.console.results import drawn, leave, show_samples
 
 LAPS = {"plan_s": "planning", "load_s": "loading", "generate_s": "generating", "measure_s": "measuring"}
 """What the laps of a report's `timing` are called."""
@@ -30,8 +26,13 @@ def run(
     weights: Annotated[str | None, typer.Option(help="Weights to use instead of the task's.")] = None,
     preview: Annotated[bool, typer.Option(help="Draw preview.png.")] = True,
     allow_code: AllowCode = None,
+    allow_unmet: AllowUnmet = False,
 ) -> None:
-    """Make motions for a task: motion.npz, report.json and preview.png in DIR."""
+    """Make motions for a task: motion.npz, report.json and preview.png in DIR.
+
+    Samples that are met and believable come first, then those that are met, then the rest; each by how little
+    refinement changed poses. Exits with 3 where none is both.
+    """
     with importing():
         from scenectl.generators.weights import bundled_weights
         from scenectl.pipeline.run import run as make
@@ -52,25 +53,12 @@ def run(
         begin = time.perf_counter()
         result.save(output, preview=False)
         laps["writing"], begin = time.perf_counter() - begin, time.perf_counter()
-        drawn = preview and _drawn(result, output / "preview.png")
+        seen = preview and drawn(result, output / "preview.png")
         laps["preview"] = time.perf_counter() - begin
     maker = result.report["generator"]
     out.print(literal(f"weights '{maker['weights']}': {maker['licence']}"))
     show_samples(result)
     doubt(result.report["scene"]["doubts"])
-    out.print(f"wrote motion.npz, report.json{' and preview.png' if drawn else ''} in {output}")
+    out.print(f"wrote motion.npz{', report.json and preview.png' if seen else ' and report.json'} in {output}")
     out.print(told(laps, since_start()))
-
-
-def _drawn(result: Result, png: Path) -> bool:
-    """Draw the preview; where nothing can draw, the motion is still worth having. A full disk is an error as ever."""
-    from scenectl.view import draw_result
-
-    try:
-        draw_result(result, png)
-    except UserError as error:
-        if isinstance(error.__cause__, OSError):
-            raise
-        err.print(literal(f"scenectl: no preview.png, because {error}"))
-        return False
-    return True
+    leave(result, allow_unmet)

@@ -12,6 +12,9 @@ MotionFile = Annotated[Path, typer.Argument(metavar="MOTION", help="motion.npz, 
 AllowCode = Annotated[
     Path | None, typer.Option("--allow-code", metavar="FILE.py", help="Run this file for its @goal functions.")
 ]
+AllowUnmet = Annotated[
+    bool, typer.Option("--allow-unmet", help="Exit with 0, not 3, where no sample is both met and believable.")
+]
 GENERATOR = "mscot"
 """The default, as in `scenectl.generators.registry`, which help does not import."""
 Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]

@@ -1,4 +1,4 @@
-"""Ranking: each motion measured and reported, the best first."""
+"""Ranking: each motion measured, judged and reported, the best first."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from objectives import diagnosis
 from scenectl.generators.base import Progress
+from scenectl.measures.believability.judge import Judge
 from scenectl.measures.metrics import Scorer, measure, pose_change
 from scenectl.pipeline.results import Sample
 from scenectl.tasks.setup import Setup, start_of
@@ -19,34 +20,44 @@ from scenes.motion.motion import Motion
 def ranked(
     motion: Motion, unrefined: Motion | None, setup: Setup, scorer: Scorer, progress: Progress
 ) -> tuple[Motion, list[Sample]]:
-    """Motions and rows, in the world: those that meet all goals first, by how little refinement changed poses, by cost.
+    """Motions and rows, in the world, in this order: met and believable, met, the rest.
 
-    A cost that is not a number comes last. Motions are given in the setup's frame.
+    Each of the three by how little refinement changed poses, to the millimetre, and then by cost; what is not a number
+    comes last. Motions are given in the setup's frame.
     """
     objective, context = setup.objective, setup.context
     with torch.no_grad():
         costs = objective.cost(motion, context)
         before = None if unrefined is None else objective.cost(unrefined, context)
         changes = None if unrefined is None else pose_change(unrefined, motion)
-    met = objective.met(motion, context).tolist()
-
-    def badness(i: int) -> tuple[bool, float, float]:
-        change = 0.0 if changes is None or not met[i] else round(float(changes[i]), 3)
-        return not met[i], change, float(costs[i].nan_to_num(nan=torch.inf))
-
-    order = sorted(range(len(met)), key=badness)
     terms = objective.report(motion, context)
+    judge = Judge(scorer, setup.task.prompt, tuple(t.exemption for t in objective.counted if t.exemption is not None))
     rows = []
-    for done, index in enumerate(order):
-        figures = measure(motion[index], scorer)
-        why = diagnosis(objective, motion[index], context)
-        start = start_of(motion[index], setup.body)
-        change, cost = _of(changes, index), _number(costs[index])
-        row = Sample(index, cost, terms[index], figures, _of(before, index), why, start, change)
+    for index in range(len(motion.joints)):
+        one = motion[index]
+        depths = scorer.depths(one)
+        row = Sample(
+            index,
+            _number(costs[index]),
+            terms[index],
+            measure(one, scorer, depths),
+            judge.verdict(one, depths),
+            _of(before, index),
+            diagnosis(objective, one, context),
+            start_of(one, setup.body),
+            _of(changes, index),
+            judge.series(one),
+        )
         rows.append(row.moved(setup.origin))
-        progress("measuring", (done + 1) / len(order))
+        progress("measuring", (index + 1) / len(motion.joints))
+    rows.sort(key=_badness)
+    order = [row.index for row in rows]
     best_first = replace(motion, joints=motion.joints[order], valid=motion.valid[order])
     return best_first.moved(setup.origin), rows
+
+
+def _badness(row: Sample) -> tuple[bool, bool, float, float]:
+    return not row.good, not row.met, round(row.pose_change or 0.0, 3), row.cost
 
 
 def _of(figures: Float[Tensor, " S"] | None, index: int) -> float | None:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
+import torch
 
-from scenectl.pipeline.results import FORMAT, Sample, plain_json
+from scenectl.pipeline.results import Sample, plain_json
+from scenectl.pipeline.tables import FORMAT
 from scenectl.tasks.setup import Setup
 from scenectl.version import __version__
 from scenes.world.floor.polyline import walked
 
 
-def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:
-    """What happened, for JSON: metres, seconds and radians throughout, in world coordinates."""
+def report_of(setup: Setup, rows: list[Sample], fps: float, threads: int) -> dict[str, Any]:
+    """What happened, for JSON: metres, seconds and radians throughout, in world coordinates.
+
+    `threads` is how many torch computed with.
+    """
     scene, body, origin = setup.scene, setup.body, setup.origin
     start, path = setup.start.moved(origin), setup.path
     return {
@@ -37,6 +43,7 @@ def report_of(setup: Setup, rows: list[Sample], fps: float) -> dict[str, Any]:
         "body": {"source": body.source, "sole_offset_m": body.sole_offset, "radii": body.table()},
         "samples": [_row(rank, row) for rank, row in enumerate(rows)],
         "task": plain_json(setup.task.dump()),
+        "machine": {"threads": threads, "instruction_set": torch.backends.cpu.get_cpu_capability()},
     }
 
 
@@ -48,8 +55,20 @@ def _row(rank: int, row: Sample) -> dict[str, Any]:
         "unrefined_cost": row.unrefined_cost,
         "pose_change_m": row.pose_change,
         "met": row.met,
+        "believable": row.believable,
         "diagnosis": row.diagnosis,
+        "verdict": plain_json(row.verdict.as_dict()),
         "start": row.start and {"position": list(row.start.position), "heading": row.start.heading},
         "terms": [term.as_dict() for term in row.terms],
         "metrics": plain_json(row.metrics),
+        "series": _rounded({**row.series, "residuals": {term.name: term.series for term in row.terms}}),
     }
+
+
+def _rounded(value: Any) -> Any:
+    """Numbers to a tenth of a millimetre, of which there are many; None for those that are not finite."""
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return round(value, 4) if value is not None and math.isfinite(value) else None

@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from pydantic import ValidationError
 from torch import Tensor
 
 from objectives import TermReport
+from scenectl.measures.believability.judge import Series
+from scenectl.measures.believability.verdict import Verdict
+from scenectl.pipeline.tables import ReportTable
 from scenectl.tasks.setup import Setup
 from scenes.errors import UserError
-from scenes.files import write_json
+from scenes.files import atomic_write, read_arrays, replaceable
 from scenes.motion.frames import Place, shifted
 from scenes.motion.motion import Motion, Pose2D
-
-FORMAT = 1
-"""Version of report.json."""
+from scenes.validation import sentence
 
 
 @dataclass(frozen=True)
@@ -31,25 +33,39 @@ class Sample:
         cost: of the objective.
         terms: how well each goal is met.
         metrics: see `scenectl.measures.metrics.measure`.
+        verdict: whether a person would move like that, and why not.
         unrefined_cost: of the objective before refinement, or None.
         diagnosis: why goals aren't met, in a sentence (`objectives.diagnosis`); None where they are.
         start: where it begins, which differs from the setup's where that was solved for.
         pose_change: metres by which refinement moved joints as seen from the pelvis, in the mean; None without one.
+        series: a number for each frame, see `scenectl.measures.believability.judge.Judge.series`.
     """
 
     index: int
     cost: float
     terms: list[TermReport]
     metrics: dict[str, float | str | None]
+    verdict: Verdict
     unrefined_cost: float | None = None
     diagnosis: str | None = None
     start: Pose2D | None = None
     pose_change: float | None = None
+    series: Series = field(default_factory=dict, repr=False)
 
     @property
     def met(self) -> bool:
         """Every goal is met within its tolerance."""
         return all(term.met for term in self.terms)
+
+    @property
+    def believable(self) -> bool:
+        """A person would move like that: no check of the judge's found fault."""
+        return self.verdict.believable
+
+    @property
+    def good(self) -> bool:
+        """Met and believable."""
+        return self.met and self.believable
 
     def moved(self, by: Place) -> Sample:
         """The same so much (m) further."""
@@ -59,7 +75,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Result:
-    """What a run made, the best sample first.
+    """What a run made: samples that are met and believable first, then those that are met, then the rest.
 
     Attributes:
         setup: the task as it was planned, in its own frame (`Setup.origin`).
@@ -78,15 +94,23 @@ class Result:
     def save(self, folder: str | Path, preview: bool = True) -> Path:
         """Write `motion.npz`, `report.json` and, where pictures can be drawn, `preview.png`.
 
-        Each file is whole or absent. Returns the folder; raises UserError when it cannot be written.
+        Each file is whole or absent, and none is ever beside another run's: an older report and preview go before the
+        new motion comes. Returns the folder; raises UserError when it cannot be written, and leaves what was there.
         """
         folder = Path(folder)
         facts: dict[str, int | str] = {"seed": int(self.report["seed"]), "unit": "m"}
         maker = self.report["generator"]
         if maker is not None:  # the weights' terms follow what they make wherever the file goes
             facts["licence"] = str(maker["licence"])
-        self.motion.save(folder / "motion.npz", **facts)
-        write_json(self.report, folder / "report.json", allow_nan=False)
+        report = folder / "report.json"
+        with atomic_write(report, "w") as told:  # takes its place after the motion, which is done within
+            json.dump(self.report, told, indent=1, allow_nan=False)
+            told.flush()
+            with atomic_write(folder / "motion.npz") as made:
+                self.motion.write(made, **facts)
+                made.flush()
+                for old in (folder / "preview.png", report):
+                    replaceable(old).unlink(missing_ok=True)
         if preview and self.drawer is not None:
             self.drawer(self, folder / "preview.png")
         return folder
@@ -96,16 +120,40 @@ Drawer: TypeAlias = Callable[[Result, Path], None]
 
 
 def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
-    """Motions ``[S, T, J, 3]`` and report of a folder that `run` wrote; raises UserError for anything else."""
+    """Motions ``[S, T, J, 3]`` and report of a folder that `run` wrote; raises UserError for anything else.
+
+    Reports of format 1 have None for what they do not know: `believable`, `verdict` and `series` of samples.
+    """
     folder = Path(folder)
-    motion = Motion.load(folder / "motion.npz")
-    try:
-        report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UserError(f"'{folder / 'report.json'}' cannot be read ({error}); run the task again") from error
-    if not isinstance(report, dict) or report.get("format") != FORMAT or not isinstance(report.get("task"), dict):
-        raise UserError(f"'{folder / 'report.json'}' is not a report of this version of scenectl; run the task again")
+    motion, report = Motion.load(folder / "motion.npz"), _report(folder / "report.json")
+    seed = read_arrays(folder / "motion.npz", "motion file", lambda data: int(data["seed"]), "run the task again")
+    counts = len(motion.joints) if motion.joints.ndim == 4 else 1, len(report["samples"])
+    for what, one, other in (("seed", seed, report["seed"]), ("number of samples", *counts)):
+        if one != other:
+            raise UserError(
+                f"motion.npz and report.json in '{folder}' are of different runs ({what} {one} and {other}); run the "
+                "task again"
+            )
     return motion, report
+
+
+def _report(path: Path) -> dict[str, Any]:
+    """A report as its schema has it."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        report: dict[str, Any] = json.loads(text)
+    except (OSError, ValueError, RecursionError) as error:
+        raise UserError(f"'{path}' cannot be read ({error}); run the task again") from error
+    try:
+        ReportTable.model_validate_json(text)
+    except ValidationError as error:
+        wrong = sentence(error, report, ReportTable)
+        raise UserError(
+            f"'{path}' is not a report of this version of scenectl ({wrong}); run the task again"
+        ) from error
+    for row in report["samples"]:
+        row.update({key: row.get(key) for key in ("believable", "verdict", "series")})
+    return report
 
 
 def load_sample(path: str | Path, sample: int = 0) -> Motion:

@@ -35,7 +35,9 @@ def run(
     scorer: Scorer | None = None,
     drawer: Drawer | None = None,
 ) -> Result:
-    """Make motions for a task; those that meet all goals come first, by how little refinement changed their poses.
+    """Make motions for a task: those that are met and believable come first, then those that are met, then the rest.
+
+    Each of the three by how little refinement changed poses, and then by cost.
 
     Args:
         task: from `load_task` or built in Python.
@@ -60,7 +62,7 @@ def run(
     weights = task.generator.weights if generator is None else None
     generator = load_task_generator(task) if generator is None else generator
     clock.lap("load_s")
-    with threads(task.generator.threads):  # scenes are baked on all cores, by threads that don't spin
+    with threads(task.generator.threads) as number:  # scenes are baked on all cores, by threads that don't spin
         made = _generated(task, setup, generator, samples, seed, tell)
         clock.lap("generate_s")
         tell("measuring", 0.0)
@@ -77,7 +79,7 @@ def run(
         "refinement": _refinement(made.solution),
         "timing": clock.laps,
     }
-    return Result(setup, motion, rows, {**report_of(setup, rows, motion.fps), **facts}, drawer)
+    return Result(setup, motion, rows, {**report_of(setup, rows, motion.fps, number), **facts}, drawer)
 
 
 def _generated(task: Task, setup: Setup, generator: Generator, samples: int, seed: int, tell: Progress) -> Made:
@@ -96,20 +98,23 @@ def score(motion: Motion, task: Task, progress: Progress | None = None, drawer: 
     """Report on finished motions, ``[T, J, 3]`` or ``[S, T, J, 3]``, ranked as `run` ranks them.
 
     The start is taken from the first motion's first frame, so that a walk is planned from where it began. Raises
-    UserError when the task asks for something at a time that the motion does not reach.
+    UserError when the task asks for something at a time that the motion does not reach, and for a motion without a
+    valid frame.
     """
     tell = progress or silent
     tell("reading the scene and planning", 0.0)
     batch = motion if motion.joints.ndim == 4 else replace(motion, joints=motion.joints[None], valid=motion.valid[None])
+    if not batch.valid.any(-1).all():
+        raise UserError("the motion has a sample of which no frame is valid; 'valid' is true where a frame is real")
     if task.seconds is None:  # it followed from the path; now it is known
         task = task.model_copy(update={"seconds": batch.seconds})
     setup = task.build(start=start_of(batch[0], task.load_body()))
     setup.objective.check(setup.context, batch.seconds, batch.fps, batch.t0)
     seen = batch.seen_from(setup.origin)
-    with threads(task.generator.threads):
+    with threads(task.generator.threads) as number:
         made, rows = ranked(seen, None, setup, Scorer(setup.scene, setup.body), tell)
     facts: dict[str, Any] = {"seed": task.seed, "generator": None, "refinement": None, "timing": {}}
-    return Result(setup, made, rows, {**report_of(setup, rows, batch.fps), **facts}, drawer)
+    return Result(setup, made, rows, {**report_of(setup, rows, batch.fps, number), **facts}, drawer)
 
 
 def load_task_generator(task: Task) -> Generator:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import torch
@@ -129,7 +129,12 @@ class Motion:
         return replace(self, joints=self.joints[sample], valid=self.valid[sample])
 
     def save(self, path: str | Path, **extra: np.ndarray | float | int | str) -> None:
-        """Write `joints`, `valid`, `fps`, `t0`, joint names and parents, and `extra`, to an .npz file.
+        """Write an .npz file, as `write` does; it is whole or absent."""
+        with atomic_write(path) as file:
+            self.write(file, **extra)
+
+    def write(self, file: IO[bytes], **extra: np.ndarray | float | int | str) -> None:
+        """Write `joints`, `valid`, `fps`, `t0`, joint names and parents, and `extra`, as an .npz archive.
 
         Joints are float32, or float64 where they are far from the origin (`scenes.motion.frames.fine_enough`).
         """
@@ -143,8 +148,7 @@ class Motion:
             "offsets": np.array(self.skeleton.offsets),
             **{key: np.asarray(value) for key, value in extra.items()},
         }
-        with atomic_write(path) as file:
-            np.savez_compressed(file, **arrays)
+        np.savez_compressed(file, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Motion:

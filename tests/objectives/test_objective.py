@@ -181,7 +181,8 @@ def test_what_is_not_a_number_is_never_met() -> None:
 
 def test_a_term_that_was_never_active_says_so() -> None:
     report = Term("foot_contact", window=(50, 60)).report(wandering(), context())[0]
-    assert report.when is None and report.active_frames == 0 and report.sentence() == "foot_contact: never active"
+    assert report.when is None and report.active_frames == 0 and not report.met
+    assert report.sentence() == "foot_contact: not met (never active)"
 
 
 THREE = {"kind": "array", "positions": np.zeros((4, 3, 3)).tolist()}

@@ -18,6 +18,7 @@ from scenectl.measures.metrics import Depths, Scorer
 from scenes.motion.motion import Motion
 
 Series = dict[str, list[float | None] | list[str] | dict[str, list[float | None]]]
+"""Numbers for each frame by name, those about parts of the body by part; None where there is none."""
 
 
 @dataclass(frozen=True, eq=False)

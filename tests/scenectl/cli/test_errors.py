@@ -183,7 +183,7 @@ def test_motion_files(tmp_path: Path, tiny: object, scenectl: Callable[..., obje
     one_sentence(scenectl("score", tmp_path / "nope.npz", task), "does not exist")
     good = tmp_path / "good.npz"
     Motion(tiny.statue().expand(80, 22, 3).clone()).save(good)  # type: ignore[attr-defined]
-    assert scenectl("score", good, task).status == 0
+    assert scenectl("score", good, task, "--allow-unmet").status == 0
     late = write(tmp_path, '[[goal]]\nuse = "head_height"\nheight = 1.5\nat = 3.9')
     Motion(tiny.statue().expand(40, 22, 3).clone()).save(tmp_path / "short.npz")  # type: ignore[attr-defined]
     one_sentence(scenectl("score", tmp_path / "short.npz", late), "3.9 s")
@@ -255,7 +255,7 @@ def test_existing_results_survive_a_failure(
     tmp_path: Path, tiny_generator: None, scenectl: Callable[..., object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     task, out = write(tmp_path, ""), tmp_path / "out"
-    assert scenectl("run", task, "-o", out, "--no-preview").status == 0
+    assert scenectl("run", task, "-o", out, "--no-preview", "--allow-unmet").status == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
 
     def full(*_: object, **__: object) -> None:
@@ -284,7 +284,7 @@ def test_a_run_without_a_picture_keeps_its_motion(
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr("scenectl.view.stage._loads", lambda library: False)
-    said = scenectl("run", write(tmp_path, ""), "-o", tmp_path / "out")
+    said = scenectl("run", write(tmp_path, ""), "-o", tmp_path / "out", "--allow-unmet")
     assert said.status == 0
     assert "no preview.png" in said.err and "Traceback" not in said.err
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"motion.npz", "report.json"}

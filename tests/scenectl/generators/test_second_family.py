@@ -82,12 +82,13 @@ def test_the_command_line_runs_edits_and_benches_it(
     task_file: Path, tmp_path: Path, scenectl: Callable[..., object]
 ) -> None:
     out = tmp_path / "out"
-    said = scenectl("run", task_file, "-o", out, "--generator", "lively", "--samples", 1)
+    said = scenectl("run", task_file, "-o", out, "--generator", "lively", "--samples", 1, "--allow-unmet")
     assert said.status == 0 and "joint_target: met" in said.out, said.err  # type: ignore[attr-defined]
     assert (out / "preview.png").is_file()
     said = scenectl(
-        "edit", out, "--generator", "lively", "--regenerate", "1-2", "--prompt", "sways", "-o", tmp_path / "e"
-    )
+        "edit", out, "--generator", "lively", "--regenerate", "1-2", "--prompt", "sways", "-o", tmp_path / "e",
+        "--allow-unmet",
+    )  # fmt: skip
     assert said.status == 0, said.err  # type: ignore[attr-defined]
     said = scenectl(
         "bench", "rooms", "--tasks", 1, "--samples", 1, "--generator", "lively", "--json", tmp_path / "r.json"

@@ -149,7 +149,7 @@ def test_the_command_writes_a_result(
     monkeypatch.setattr("scenectl.generators.load_generator", lambda *args, **kwargs: generator)
     WALK.save(tmp_path / "motion.npz")
     words = ("edit", tmp_path, "--keep", "0-1.5", "--prompt", "someone sits", "-o", tmp_path / "out")
-    said = scenectl(*words, "--samples", 2)
+    said = scenectl(*words, "--samples", 2, "--allow-unmet")
     assert said.status == 0 and "30 of 60 frames anew" in said.out
     made = Motion.load(tmp_path / "out" / "motion.npz")
     torch.testing.assert_close(made.joints[:, :30], WALK.joints[:30].expand(2, -1, -1, -1), atol=1e-5, rtol=0)

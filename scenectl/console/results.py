@@ -1,0 +1,79 @@
+"""How commands show a result, and the exit status that it earns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from scenectl.console.console import err, literal, out, table
+from scenes.errors import UserError
+
+if TYPE_CHECKING:
+    from scenectl.pipeline.results import Result, Sample
+
+UNMET = 3
+"""Exit status where no sample is both met and believable."""
+_TOLD = 8
+"""Samples at most of which it is said why they are not both."""
+
+
+def show_samples(result: Result) -> None:
+    """The samples in a table, in a line each what is wrong with them, and the best one's goals in sentences."""
+    lines = table("rank", "met", "believable", "cost", "deepest (mm)", "in the floor (mm)", "skating")
+    for rank, row in enumerate(result.samples):
+        deep, floor, skating = (
+            row.metrics[key] for key in ("deepest_penetration_m", "deepest_floor_penetration_m", "skating_ratio")
+        )
+        lines.add_row(
+            str(rank),
+            _met(row),
+            "yes" if row.believable else "no",
+            f"{row.cost:.4g}",
+            f"{1000 * float(deep or 0):.0f}",
+            f"{1000 * float(floor or 0):.0f}",
+            f"{float(skating or 0):.2f}",
+        )
+    out.print(lines)
+    wrong = [(rank, row) for rank, row in enumerate(result.samples) if not row.good]
+    for rank, row in wrong[:_TOLD]:
+        out.print(literal(f"sample {rank} is {_wrong(row)}"))
+    if len(wrong) > _TOLD:
+        out.print(f"and {len(wrong) - _TOLD} more, of which report.json tells")
+    best = result.samples[0]
+    if best.terms or best.verdict.exempted:
+        out.print("the goals of sample 0:")
+    for said in (*(term.sentence() for term in best.terms), *best.verdict.exempted):
+        out.print("  " + literal(said))
+
+
+def _met(row: Sample) -> str:
+    count = sum(term.met for term in row.terms)
+    return f"{count} of {len(row.terms)}" if row.terms else "no goals"
+
+
+def _wrong(row: Sample) -> str:
+    """What is wrong with a sample that is not both, in a line."""
+    said = [] if row.met else [f"not met: {row.diagnosis}"]
+    return "; ".join(said if row.believable else [*said, f"not believable: {row.verdict.sentence}"])
+
+
+def drawn(result: Result, png: Path) -> bool:
+    """Draw the preview; where that fails, say why in a sentence: the motion is worth having without it."""
+    from scenectl.api import draw
+
+    try:
+        draw(result, png)
+    except (UserError, OSError, MemoryError) as error:
+        why = str(error).removeprefix(f"cannot write '{png}': ") or "there is not enough memory"
+        err.print(literal(f"scenectl: no {png.name}, because {why}"))
+        return False
+    return True
+
+
+def leave(result: Result, allow_unmet: bool) -> None:
+    """End the command: with 3 where no sample is both met and believable, unless that is allowed."""
+    if not result.samples[0].good and not allow_unmet:
+        err.print("scenectl: no sample is both met and believable: exit status 3, or 0 with --allow-unmet")
+        raise typer.Exit(UNMET)
