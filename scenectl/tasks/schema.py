@@ -272,7 +272,7 @@ class TaskTable(_Table):
         body: file that `scenectl body CHARACTER --json` wrote, for a character with our 22 joints; by default an adult.
         goals: [[goal]] tables or `Term` objects.
         generator, solver, guidance: settings.
-        samples: motions to make; those that meet all goals come first.
+        samples: motions to make; those that are met and believable come first, then those that are met, then the rest.
         seed: of everything random.
         folder: where relative paths are looked for; the task file's own.
     """
