@@ -18,5 +18,6 @@ result.save(folder)  # motion.npz, report.json, preview.png
 best = result.samples[0]
 for term in best.terms:
     print(term.sentence())
+print(f"A person would {'' if best.believable else 'not '}move like that: {best.verdict.sentence}.")
 print(f"Deepest in an obstacle: {1000 * best.metrics['deepest_penetration_m']:.0f} mm.")
 print(f"Joints: {tuple(result.motion.joints.shape)} = samples, frames, joints, xyz in metres; files are in {folder}.")

@@ -255,7 +255,7 @@ class TaskTable(_Table):
             `exempt`. A goal of the same name replaces either, and has what it does not state from its paper.
         goals: [[goal]] tables or `Term` objects.
         generator, solver, guidance: settings.
-        samples: motions to make; those that meet all goals come first.
+        samples: motions to make; those that are met and believable come first, then those that are met, then the rest.
         seed: of everything random.
         folder: where relative paths are looked for; the task file's own.
     """

@@ -1,4 +1,4 @@
-"""The order of samples: met and believable, met, the rest; each by how little refinement changed poses, then by cost."""
+"""The order of samples: met and believable, met, the rest; each by how little refinement changed poses, then cost."""
 
 from __future__ import annotations
 
@@ -26,8 +26,7 @@ LIMP = Verdict((Finding("sliding", 0.5, 0.1, "m/s", "left foot slides at 0.5 m/s
 
 
 def setup(**task: object) -> Setup:
-    made = sc.Task(**{"prompt": "a person walks", "seconds": 2.0, **task}).build()  # type: ignore[arg-type]
-    return made
+    return sc.Task(**{"prompt": "a person walks", "seconds": 2.0, **task}).build()
 
 
 def judged(monkeypatch: pytest.MonkeyPatch, believable: list[bool]) -> None:
@@ -96,13 +95,12 @@ def test_the_judge_is_told_the_sentence_and_what_goals_exempt(monkeypatch: pytes
 def test_depths_are_asked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     made = setup(scene=Scene(primitives=[Box((0.0, 1.0, 3.0), (1.0, 2.0, 0.4))], floor=0.0), start=[0.0, 0.0])
     asked, given_ = [], []
-    depths, verdict = Scorer.depths, Judge.verdict
+    depths = Scorer.depths
     monkeypatch.setattr(Scorer, "depths", lambda self, motion: asked.append(motion) or depths(self, motion))
     monkeypatch.setattr(Judge, "verdict", lambda self, motion, depths=None: given_.append(depths) or Verdict())
     monkeypatch.setattr(Judge, "series", lambda self, motion: {})
     ranked(Motion(WALK.repeat(3, 1, 1, 1)), None, made, Scorer(made.scene), lambda what, done: None)
     assert len(asked) == 3 and all(isinstance(one, Depths) for one in given_)
-    assert verdict is not None
 
 
 def test_a_goal_that_is_never_active_is_not_met() -> None:

@@ -42,7 +42,7 @@ def seeded(result: Result, seed: int) -> Result:
     return Result(result.setup, result.motion, result.samples, {**result.report, "seed": seed}, drawn)
 
 
-# ---- what a report says --------------------------------------------------------------------------------------------
+# ---- what a report says ---------------------------------------------------------------------------------------------
 
 
 def test_a_report_is_what_its_schema_knows_and_no_more(result: Result, tmp_path: Path) -> None:
@@ -69,7 +69,7 @@ def test_the_series_have_a_number_for_each_frame_and_none_where_a_goal_is_not_ac
             assert len(values) in (0, 40)
 
 
-# ---- what is read ----------------------------------------------------------------------------------------------------
+# ---- what is read ---------------------------------------------------------------------------------------------------
 
 
 def test_a_result_of_the_old_format_still_opens(
@@ -194,7 +194,7 @@ def test_a_motion_of_another_run_is_told(result: Result, tmp_path: Path) -> None
         load_result(other)
 
 
-# ---- what a kill or a full disk leaves -----------------------------------------------------------------------------------
+# ---- what a kill or a full disk leaves ------------------------------------------------------------------------------
 
 
 class Killed(BaseException):
