@@ -67,7 +67,7 @@ def into_wall(motion: Motion, draw: torch.Generator) -> Made:
 
 
 def twice_as_fast(motion: Motion, draw: torch.Generator) -> Made | None:
-    """Every other frame of one that walks, where two seconds or more are left to tell it by... of a second at least."""
+    """Every other frame of one that walks, where a second or more is left."""
     if travel_speed(motion) < WALKS or motion.frames < 41:
         return None
     return Motion(motion.joints[::2]), FLOOR
@@ -126,11 +126,11 @@ def tilted(motion: Motion, draw: torch.Generator) -> Made:
 
 
 ABSURDITIES = {
-    "lifted 5 cm": Absurdity(("unsupported_0.5s", "unsupported_2s"), lifted),
+    "lifted 5 cm": Absurdity(("unsupported_0.5s", "unsupported_3s"), lifted),
     "5 cm into a wall": Absurdity(("penetration",), into_wall),
     "twice the speed": Absurdity(("tempo", "speed", "joint_speed", "acceleration", "turning"), twice_as_fast),
     "a bone 10 cm longer": Absurdity(("bones",), longer_bone),
-    "sliding 0.3 m/s": Absurdity(("sliding",), sliding),
+    "sliding 0.3 m/s": Absurdity(("sliding_0.5s", "sliding_2s"), sliding),
     "frozen 1 s in a walk": Absurdity(("frozen",), frozen),
     "teleported 0.3 m": Absurdity(("jump",), teleported),
     "tilted 20 degrees": Absurdity(("balance",), tilted),

@@ -35,6 +35,18 @@ def recordings(data: str | Path, split: str) -> list[Clip]:
     ]
 
 
+def floor_known(clip: Clip) -> bool:
+    """Whether nothing of the body dips more than 3 cm below where it is lowest otherwise: no floor would fit both."""
+    bottoms = _bottoms(clip.joints.double())
+    return bool(np.quantile(bottoms, 0.05) - bottoms.min() < 0.03)
+
+
+def _bottoms(joints: torch.Tensor) -> np.ndarray:
+    """Height (m) of the body's lowest point in each frame."""
+    found: np.ndarray = (DEFAULT_BODY.points_of(joints)[..., 1] - DEFAULT_BODY.radii().double()).amin(-1).numpy()
+    return found
+
+
 def on_floor(clip: Clip, heading: float = 0.0) -> Motion:
     """The clip on `FLOOR`, turned by `heading` (rad).
 
@@ -42,7 +54,7 @@ def on_floor(clip: Clip, heading: float = 0.0) -> Motion:
     than the depth that counts as a touch.
     """
     joints = turned(clip.joints.double(), torch.tensor(heading, dtype=torch.float64))
-    bottoms = (DEFAULT_BODY.points_of(joints)[..., 1] - DEFAULT_BODY.radii().double()).amin(-1).numpy()
+    bottoms = _bottoms(joints)
     height = min(float(np.quantile(bottoms, 0.05)), float(bottoms.min()) + 0.9 * SHALLOW)
     joints[..., 1] -= height
     return Motion(joints)

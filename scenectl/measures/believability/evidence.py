@@ -13,14 +13,13 @@ from objectives.library.scene import foot_heights
 from scenectl.measures.believability.mass import shares
 from scenectl.measures.metrics import Depths, Scorer
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import FEET
 
 RATE = 20.0
 """Frames a second at which motions are differentiated: that of the recordings which the limits were measured on."""
 GRAVITY = 9.81
-TOES, TOE_RADIUS = 0.067, 0.015
-"""Metres from the ball of the foot to the tip of the toes (ANSUR II: foot length less ball of foot length), and how
-thick these are; the proxy body ends at the ball."""
+TOES = 0.067
+"""Metres from the ball of the foot, where the proxy body ends, to the tip of the toes (ANSUR II: foot length less ball
+of foot length)."""
 
 Exemption = tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None]
 """Joints (none: the whole body) that may touch the scene, and the windows (s) in which they may (None: always)."""
@@ -134,48 +133,48 @@ class Evidence:
     def load(self) -> np.ndarray:
         """What the ground must bear, in body weights, ``[T]``: 1 at rest, 0 in free fall.
 
-        (g + a) / g, a the upward acceleration of the centre of mass by a parabola through five frames; never less than
-        0, and 1 where there are too few frames.
+        (g + a) / g, a the upward acceleration of the centre of mass; never less than 0.
         """
-        if self.frames < 5:
-            return np.ones(self.frames)
-        return np.maximum(1.0 + parabola(self.center[:, 1]) / GRAVITY, 0.0)
+        return np.maximum(1.0 + self.pushed[:, 1], 0.0)
+
+    @cached_property
+    def pushed(self) -> np.ndarray:
+        """Acceleration of the centre of mass by second differences, ``[T, 3]``, in g; 0 where there are too few frames.
+
+        The first and the last frame have that of their neighbour.
+        """
+        if self.frames < 3:
+            return np.zeros_like(self.center)
+        inner = np.diff(self.center, n=2, axis=0) * (RATE**2 / GRAVITY)
+        return np.concatenate([inner[:1], inner, inner[-1:]])
 
     @cached_property
     def carried(self) -> Carried:
         """What is low, and how high it is over the ground; over what moves as well, for feet."""
         body, motion = self.scorer.body, self.motion
         samples, radii = body.points(motion)
-        heels = [samples[:, body.parts.index(f"{side}_heel")] for side in ("left", "right")]
-        ends, sizes = [], []
-        for side, heel in zip(("left", "right"), heels, strict=True):
+        feet, over = [], []
+        context = Context(self.scorer.scene, body)
+        for side in ("left", "right"):
+            heel = body.parts.index(f"{side}_heel")
             ankle, ball = motion.joint(f"{side}_ankle"), motion.joint(f"{side}_foot")
-            toes = ball + TOES * torch.nn.functional.normalize(ball - ankle, dim=-1)
-            ends += [ball, heel, toes]
-            sizes += [body.sole_offset, float(radii[body.parts.index(f"{side}_heel")]), TOE_RADIUS]
-        feet = torch.stack(ends, dim=1)
-        over = foot_heights(feet, motion, Context(self.scorer.scene, body)) + body.sole_offset - feet.new_tensor(sizes)
+            along = torch.nn.functional.normalize(ball - ankle, dim=-1)
+            flat = along * along.new_tensor([1.0, 0.0, 1.0])
+            points = torch.stack([ball, samples[:, heel]], dim=1)
+            heights = foot_heights(points, motion, context) + body.sole_offset
+            heights = heights - torch.stack([radii.new_tensor(body.sole_offset), radii[heel]])
+            # Toes stay flat or point like the foot: they reach below the ball where it is steeper than it mostly is.
+            steeper = (along[:, 1].median() - along[:, 1]).clamp_min(0.0)
+            feet += [points, (ball + TOES * flat)[:, None]]
+            over += [heights, (heights[:, 0] - TOES * steeper)[:, None]]
         heights = samples[..., 1] - radii - self.scorer.scene.ground_under(samples)
-        low = torch.cat([over, heights], dim=1)
-        points = torch.cat([feet, samples], dim=1)
-        return Carried(points.detach().cpu().double().numpy(), low.detach().cpu().double().numpy(), len(ends) // 2)
+        low = torch.cat([*over, heights], dim=1).detach().cpu().double().numpy()
+        return Carried(torch.cat([*feet, samples], dim=1).detach().cpu().double().numpy(), low, 3)
 
     @cached_property
     def velocities(self) -> np.ndarray:
         """Of joints from frame to frame at `RATE`, m/s, ``[T - 1, J, 3]``."""
         return np.diff(self.joints, axis=0) * RATE
-
-    @cached_property
-    def ground(self) -> np.ndarray:
-        """Height (m) of the ground under each foot at `RATE`, ``[T, 2]``."""
-        ground: np.ndarray = self.scorer.scene.ground_under(self.motion.select(FEET)).detach().cpu().double().numpy()
-        return ground
-
-
-def parabola(values: np.ndarray) -> np.ndarray:
-    """Second derivative (per s^2) of parabolas through five frames each, ``[T]``, T at least 5."""
-    weights = np.array([2.0, -1.0, -2.0, -1.0, 2.0]) / 7.0 * RATE**2
-    return np.convolve(np.pad(values, 2, mode="reflect", reflect_type="odd"), weights, mode="valid")
 
 
 def averages(values: np.ndarray, seconds: float) -> np.ndarray:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from scenectl.measures.believability.checks.check import Check, Found
-from scenectl.measures.believability.evidence import GRAVITY, Evidence, averages, parabola
+from scenectl.measures.believability.evidence import RATE, Evidence, averages
 from scenectl.measures.believability.words import centimetres, span
 
 REACH = 0.05
 """Parts of the body no higher (m) than this over its lowest part support it."""
 DIRECTIONS = 32
-WINDOW = 1.5
+WINDOW = 2.5
 
 
 def balance(evidence: Evidence) -> Found | None:
@@ -25,16 +25,14 @@ def balance(evidence: Evidence) -> Found | None:
     """
     if evidence.frames < 10:
         return None
-    load, center = evidence.load, evidence.center
-    carried = evidence.carried
+    center, carried = evidence.center, evidence.carried
     height = center[:, 1] - (carried.points[..., 1] - carried.heights).min(axis=1)
-    pushed = np.stack([parabola(center[:, axis]) for axis in (0, 2)], axis=1) / GRAVITY
-    bearing = np.maximum(load, 0.2)
-    acts = center[:, ::2] - (height / bearing)[:, None] * pushed
+    bearing = np.maximum(evidence.load, 0.2)
+    acts = center[:, ::2] - (height / bearing)[:, None] * evidence.pushed[:, ::2]
     outside = _outside(acts, carried.points[..., ::2], carried.heights <= carried.lowest[:, None] + REACH)
     means = np.linalg.norm(averages(outside * bearing[:, None], WINDOW), axis=1)
     first = int(means.argmax())
-    last = min(first + round(WINDOW * 20), evidence.frames) - 1
+    last = min(first + round(WINDOW * RATE), evidence.frames) - 1
     value = float(means[first])
     told = f"the weight is {centimetres(value)} off what supports it {span(evidence.times, first, last)}"
     return Found(value, told, float(evidence.times[(first + last) // 2]))
@@ -52,4 +50,4 @@ def _outside(points: np.ndarray, support: np.ndarray, holds: np.ndarray) -> np.n
     return vectors
 
 
-CHECKS = (Check("balance", "m", balance),)
+CHECKS = (Check("balance", "m", balance, share=0.995),)

@@ -70,9 +70,9 @@ def _told(evidence: Evidence, means: np.ndarray, window: float, words: str, join
 
 
 CHECKS = (
-    Check("speed", "m/s", speed),
-    Check("joint_speed", "m/s", joint_speed),
-    Check("acceleration", "m/s^2", acceleration),
-    Check("turning", "degrees/s", turning),
-    Check("jump", "m", jump, explains=2),
+    Check("speed", "m/s", speed, share=0.999),
+    Check("joint_speed", "m/s", joint_speed, share=0.998),
+    Check("acceleration", "m/s^2", acceleration, share=0.998),
+    Check("turning", "degrees/s", turning, share=0.998),
+    Check("jump", "m", jump, share=0.999, explains=2),
 )

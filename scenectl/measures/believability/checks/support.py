@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from scenectl.measures.believability.checks.check import Check, Found
-from scenectl.measures.believability.evidence import Evidence, averages
+from scenectl.measures.believability.evidence import RATE, Evidence, averages
 from scenectl.measures.believability.words import centimetres, span
 
 
-def held_by_nothing(seconds: float) -> Check:
+def held_by_nothing(seconds: float, share: float) -> Check:
     """How high (m) the body is over the ground while it does not fall.
 
     Heights of its lowest point over what is below it, weighed by what the ground must bear at that moment
@@ -21,12 +21,12 @@ def held_by_nothing(seconds: float) -> Check:
             return None
         means = averages(evidence.carried.lowest * evidence.load, seconds)
         first = int(means.argmax())
-        last = min(first + round(seconds * 20), evidence.frames) - 1
+        last = min(first + round(seconds * RATE), evidence.frames) - 1
         when = span(evidence.times, first, last)
         told = f"everything {centimetres(float(means[first]))} above the ground {when}, which is no free fall"
         return Found(float(means[first]), told, float(evidence.times[(first + last) // 2]))
 
-    return Check(f"unsupported_{seconds:g}s", "m", look, share=0.99)
+    return Check(f"unsupported_{seconds:g}s", "m", look, share=share)
 
 
 def support(evidence: Evidence, near: float) -> list[str]:
@@ -43,4 +43,4 @@ def support(evidence: Evidence, near: float) -> list[str]:
     return [str(word) for word in np.where(left & right, "both", told)]
 
 
-CHECKS = (held_by_nothing(0.5), held_by_nothing(2.0))
+CHECKS = (held_by_nothing(0.5, 0.99), held_by_nothing(3.0, 0.985))

@@ -11,8 +11,8 @@ from scenectl.measures.believability.words import span
 
 WINDOW, LEAST = 2.0, 1.0
 """Seconds that are looked at at once, and the fewest."""
-MOVES = 0.15
-"""Mean speed of joints (m/s) from which on there is a pace to tell."""
+WALKS = 0.3
+"""Mean speed of the pelvis over the ground (m/s) from which on there is a gait, which has a pace."""
 _PARTS = {
     "trunk": ("spine3", "neck", "head"),
     "elbows": ("left_elbow", "right_elbow"),
@@ -55,13 +55,13 @@ def features(evidence: Evidence, first: int, last: int) -> np.ndarray:
 
 
 def windows(evidence: Evidence) -> list[tuple[int, int]]:
-    """First and last frame (less 1) of all windows in which the body moves, a quarter of their length apart."""
+    """First and last frame (less 1) of all windows in which the body gets on, a quarter of their length apart."""
     size = min(round(WINDOW * RATE), evidence.frames)
     if size < LEAST * RATE:
         return []
     starts = sorted({*range(0, evidence.frames - size + 1, round(WINDOW * RATE / 4)), evidence.frames - size})
-    speeds = np.linalg.norm(evidence.velocities, axis=-1).mean(axis=1)
-    return [(start, start + size) for start in starts if speeds[start : start + size - 1].mean() > MOVES]
+    speeds = np.linalg.norm(evidence.velocities[:, 0, ::2], axis=-1)
+    return [(start, start + size) for start in starts if speeds[start : start + size - 1].mean() > WALKS]
 
 
 def rates(evidence: Evidence, weights: np.ndarray) -> np.ndarray:
