@@ -266,4 +266,11 @@ def _way(some: np.ndarray, nearest: np.ndarray, free: np.ndarray, spacing: float
         if length <= _SEARCH:
             np.minimum(best, np.float32(length * spacing) - balls[begin + steps @ offset], out=best)
     way.ravel()[close] = best
+    # From farther off it leads by one of those nodes.
+    far = np.flatnonzero(gap > _SEARCH)
+    here, there = np.stack(np.unravel_index(far, gap.shape)), nearest.reshape(3, -1)[:, far]
+    length = gap.ravel()[far]
+    by = np.rint(there + (here - there) * (_SEARCH - 0.5) / length).astype(np.int32)
+    rest = np.sqrt(np.square(here - by, dtype=np.float32).sum(axis=0)) * np.float32(spacing)
+    way.ravel()[far] = np.minimum(way.ravel()[far], way[tuple(by)] + rest)
     return way
