@@ -66,9 +66,11 @@ def _row(rank: int, row: Sample) -> dict[str, Any]:
 
 
 def _rounded(value: Any) -> Any:
-    """Numbers to a tenth of a millimetre, of which there are many; None for those that are not finite."""
+    """Numbers to a tenth of a millimetre, of which there are many; None for those that are not finite; words as are."""
     if isinstance(value, dict):
         return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_rounded(item) for item in value]
-    return round(value, 4) if value is not None and math.isfinite(value) else None
+    if isinstance(value, float):
+        return round(value, 4) if math.isfinite(value) else None
+    return value
