@@ -31,13 +31,15 @@ def conditions_of(objective: Objective, context: Context, start: Pose2D, seconds
 
 def targets_of(
     objective: Objective, context: Context, start: Pose2D, seconds: float, spec: Spec
-) -> Iterator[tuple[Term, str, Float[Tensor, " n"], Float[Tensor, "n 3"]]]:
+) -> Iterator[tuple[Term, str | None, Float[Tensor, " n"], Float[Tensor, "n 3"]]]:
     """Where each term draws which joint: times (s) and places (m, nan on coordinates that are free)."""
     rest = torch.as_tensor(rest_pose(spec.skeleton), dtype=torch.float32)
     frames = round(seconds * spec.fps)
     body = Motion(rest.expand(frames, *rest.shape).clone(), fps=spec.fps, skeleton=spec.skeleton).placed(start)
     for term in (term for term in objective.counted if term.spec.pulls):
         found = term.evaluate(body, context)
-        for entry, joint in enumerate(found.joints if found.targets is not None else ()):
+        if found.targets is None:
+            continue
+        for entry, joint in enumerate(found.joints):
             stated = found.mask[:, entry] & found.targets[:, entry].isfinite().any(-1)
             yield term, joint, body.times[stated], found.targets[stated, entry].to(rest)

@@ -99,7 +99,7 @@ def test_doors_are_ways_and_cracks_are_none(width: float, low: float, high: floa
     scene = Scene(primitives=[*outer(), *between(width, low, high)])
     found = reach_of(scene)
     there = found.depth(np.array([[1.5, 1.0, 0.7], [2.9, 0.2, -1.9]]))
-    assert ((there == 0).all() if way else (there > 1.4).all()), there
+    assert (there == 0).all() if way else (there > 1.4).all(), there
     outside = found.depth(np.array([[-4.0, 1.0, 0.0], [0.0, 1.0, 9.0], [-1.5, 1.0, -60.0]]))
     assert outside == pytest.approx([1.0, 7.0, 58.0], abs=FINE)
     assert found.depth(np.array([[-1.5, 1.0, 0.0], [-2.98, 0.02, -1.98], [-1.5, 2.6, 0.0]])).max() == 0
@@ -209,12 +209,13 @@ def test_a_swinging_door_is_no_wall_and_an_open_floor_has_no_beyond() -> None:
 
 
 def test_furniture_is_no_wall() -> None:
-    bed = [slab((-2.9, -1.0), (0.32, 0.6), (0.9, 1.95)), *(slab((x, x + 0.1), (0, 0.32), (0.9, 1.0)) for x in (-2.9, -1.1))]
+    bed = slab((-2.9, -1.0), (0.32, 0.6), (0.9, 1.95))
+    legs = [slab((x, x + 0.1), (0, 0.32), (0.9, 1.0)) for x in (-2.9, -1.1)]
     wardrobe = slab((-0.7, -0.06), (0, 2.0), (-2.0, -0.8))
     counter = slab((-3.0, -0.05), (0, 1.1), (-0.8, -0.7))  # all the way across
-    scene = Scene(primitives=[*outer(), *between(0.0), *bed, wardrobe, counter])
-    inside = depth(scene, (-2.0, 0.15, 1.5), (-0.4, 2.2, -1.2), (-2.0, 1.0, -1.5), (-0.08, 2.1, -1.5), (-1.05, 0.2, 1.9))
-    assert inside == [0.0] * 5
+    scene = Scene(primitives=[*outer(), *between(0.0), bed, *legs, wardrobe, counter])
+    under, over = [(-2.0, 0.15, 1.5), (-1.05, 0.2, 1.9)], [(-0.4, 2.2, -1.2), (-0.08, 2.1, -1.5)]
+    assert depth(scene, *under, *over, (-2.0, 1.0, -1.5)) == [0.0] * 5
 
 
 def test_a_scene_far_from_the_origin_is_the_same_in_its_frame() -> None:
@@ -255,6 +256,6 @@ def test_scans_are_whole(name: str, shared: Path) -> None:
 def test_the_flat_that_people_tunnelled_out_of(shared: Path) -> None:
     scene = Scene([load_mesh(shared / "cases" / "tasks" / "flat.glb")], resolution=160)
     found = reach_of(scene, (1.0, 0.0, 1.8))
-    within = [[-3.9, 0.6, -1.8], [-2.4, 1.2, 2.35], [1.9, 0.5, -0.8], [4.0, 1.5, 2.0], [0.25, 1.0, 1.0], [-2.0, 0.2, -2.2]]
-    assert found.depth(np.array(within)).max() == 0
+    furniture = [[-3.9, 0.6, -1.8], [-2.4, 1.2, 2.35], [1.9, 0.5, -0.8], [4.0, 1.5, 2.0], [-2.0, 0.2, -2.2]]
+    assert found.depth(np.array([*furniture, [0.25, 1.0, 1.0]])).max() == 0
     assert found.depth(np.array([[-5.0, 1.0, -1.8], [1.0, 1.0, 3.5]])) == pytest.approx([0.5, 1.0], abs=0.02)
