@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from objectives import Context, Objective, Term
+from objectives import Context, Objective
 from scenectl.generators.spec import Spec
-from scenectl.tasks.conditions import targets_of
+from scenectl.tasks.conditions import Target, targets_of
 from scenectl.tasks.schema import Start, TaskTable, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
@@ -128,9 +127,7 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     return Setup(task, scene, body, context, objective, start, seconds, path, unreached)
 
 
-def _unreached(
-    scene: Scene, targets: Iterable[tuple[Term, str | None, Tensor, Tensor]], ground: float
-) -> tuple[str, ...]:
+def _unreached(scene: Scene, targets: Iterable[Target], ground: float) -> tuple[str, ...]:
     """On targets beyond the free space that the start is connected to: which goal's, where, and how far beyond.
 
     A height that is free is looked at a metre over the start's ground (m).

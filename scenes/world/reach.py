@@ -77,6 +77,12 @@ class Reach:
             away = self.distance(torch.from_numpy(np.ascontiguousarray(points, dtype=np.float64)))
         return np.asarray((-away).clamp_min(0.0))
 
+    def value_and_gradient(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
+        """What `distance` gives, and its gradient (no unit), 0 where that is infinite."""
+        with torch.no_grad():
+            value, (_, slope) = self.distance(points), self.back.value_and_gradient(points)
+        return value, slope.where(value.isfinite()[..., None], 0.0)
+
     def lowest_on_way(
         self, ends: Float[Tensor, "n 4 3"], enough: Float[Tensor, " n"], tolerance: float | int
     ) -> Float[Tensor, "n 2"]:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box
-from scenes.world.contact import swept_clearance
+from scenes.world.contact import closest_point, swept_clearance
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.reach import FINE, Reach
 from scenes.world.scene import BUNDLED, Scene, bundled, load_scene
@@ -233,6 +233,15 @@ def test_capsules_are_seen_on_their_way_through() -> None:
     along = torch.tensor([0.8, 0.0, 0.0])
     assert float(swept_clearance(scene, a, b, a + along, b + along, 0.05)) == pytest.approx(-0.46, abs=0.02)
     assert float(swept_clearance(scene, a, b, a - along, b - along, 0.05)) == pytest.approx(0.34, abs=0.01)
+
+
+def test_nearest_points_are_those_of_the_near_side() -> None:
+    before = building(0.0)
+    scene = before.reached_from(START)
+    inside, beyond = spread(100, (-2.9, 0.1, -1.9), (-0.3, 1.8, 1.9)), spread(100, (0.2, 0.5, -1.0), (1.2, 1.2, 1.0))
+    torch.testing.assert_close(closest_point(scene, inside), closest_point(before, inside))
+    found = closest_point(scene, beyond)
+    assert (found.points[:, 0] + THIN / 2).abs().quantile(0.9) < 0.02
 
 
 def test_what_starts_in_a_wall_or_over_nothing_has_an_answer() -> None:
