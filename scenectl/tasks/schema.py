@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
 from objectives import Term
 from scenectl.control.settings import GuidanceSettings, SolverSettings
@@ -266,7 +266,7 @@ class TaskTable(_Table):
     start: Literal["sample"] | Start | None = None
     walk: Walk | None = None
     body: Path | None = None
-    avoid: bool | dict[str, Any] = True
+    avoid: StrictBool | dict[str, Any] = True
     goals: Annotated[tuple[Any, ...], Field(alias="goal")] = ()
     generator: GeneratorSpec = GeneratorSpec()
     solver: SolverSettings = SolverSettings()
