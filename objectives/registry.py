@@ -201,7 +201,9 @@ def get_goal(use: str | GoalFunction) -> GoalSpec:
                 return spec
         raise UserError(f"function '{getattr(use, '__name__', use)}' is not a goal; decorate it with @goal(unit=...)")
     if use not in _GOALS:
-        raise UserError(f"unknown goal '{use}'{did_you_mean(use, _GOALS)}")
+        raise UserError(
+            f"unknown goal '{use}'{did_you_mean(use, _GOALS)} -- one of your own is known by --allow-code FILE.py"
+        )
     return _GOALS[use]
 
 

@@ -75,7 +75,7 @@ def load_npz(
 
 def load_npy(path: str | Path, most_bytes: int = MOST) -> np.ndarray:
     """The array of an .npy file, whose header is held against the file's size first; raises as `load_npz` does."""
-    with _told(), open(path, "rb") as file:
+    with open(path, "rb") as file, _told():
         there = file.seek(0, 2)
         file.seek(0)
         header = _header(file)
@@ -94,7 +94,7 @@ def _told() -> Iterator[None]:
     """NumPy and zipfile raise many kinds of errors; all of them are a ValueError that says why."""
     try:
         yield
-    except (OSError, MemoryError):
+    except MemoryError:
         raise
     except Exception as error:
         raise ValueError(str(error) or type(error).__name__) from error
@@ -102,7 +102,7 @@ def _told() -> Iterator[None]:
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[zipfile.ZipFile]:
-    with _told(), zipfile.ZipFile(path) as archive:
+    with open(path, "rb") as file, _told(), zipfile.ZipFile(file) as archive:
         yield archive
 
 

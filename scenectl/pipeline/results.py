@@ -12,6 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from objectives import TermReport
+from scenectl.data.formats.motions import load_motion
 from scenectl.tasks.setup import Setup
 from scenes.errors import UserError
 from scenes.files import write_json
@@ -98,7 +99,7 @@ Drawer: TypeAlias = Callable[[Result, Path], None]
 def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
     """Motions ``[S, T, J, 3]`` and report of a folder that `run` wrote; raises UserError for anything else."""
     folder = Path(folder)
-    motion = Motion.load(folder / "motion.npz")
+    motion = load_motion(folder / "motion.npz")
     try:
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -106,19 +107,6 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
     if not isinstance(report, dict) or report.get("format") != FORMAT or not isinstance(report.get("task"), dict):
         raise UserError(f"'{folder / 'report.json'}' is not a report of this version of scenectl; run the task again")
     return motion, report
-
-
-def load_sample(path: str | Path, sample: int = 0) -> Motion:
-    """One motion ``[T, J, 3]`` of a file or of a result's folder, where 0 is the best; raises UserError for none."""
-    path = Path(path)
-    motion = Motion.load(path / "motion.npz" if path.is_dir() else path)
-    if motion.joints.ndim == 3:
-        return motion
-    if motion.joints.ndim > 4 or sample >= len(motion.joints):
-        raise UserError(
-            f"'{path}' holds {len(motion.joints)} motions; --sample goes from 0 to {len(motion.joints) - 1}"
-        )
-    return motion[sample]
 
 
 def plain_json(value: Any) -> Any:

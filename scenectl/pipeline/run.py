@@ -103,8 +103,9 @@ def score(motion: Motion, task: Task, progress: Progress | None = None, drawer: 
     batch = motion if motion.joints.ndim == 4 else replace(motion, joints=motion.joints[None], valid=motion.valid[None])
     if task.seconds is None:  # it followed from the path; now it is known
         task = task.model_copy(update={"seconds": batch.seconds})
-    setup = task.build(start=start_of(batch[0], task.load_body()))
-    setup.objective.check(setup.context, batch.seconds, batch.fps, batch.t0)
+    with task.named():
+        setup = task.build(start=start_of(batch[0], task.load_body()))
+        setup.objective.check(setup.context, batch.seconds, batch.fps, batch.t0)
     seen = batch.seen_from(setup.origin)
     with threads(task.generator.threads):
         made, rows = ranked(seen, None, setup, Scorer(setup.scene, setup.body), tell)
