@@ -52,17 +52,17 @@ def run(
         begin = time.perf_counter()
         result.save(output, preview=False)
         laps["writing"], begin = time.perf_counter() - begin, time.perf_counter()
-        drawn = preview and _drawn(result, output / "preview.png")
+        pictured = preview and drawn(result, output / "preview.png")
         laps["preview"] = time.perf_counter() - begin
     maker = result.report["generator"]
     out.print(literal(f"weights '{maker['weights']}': {maker['licence']}"))
     show_samples(result)
     doubt(result.report["scene"]["doubts"])
-    out.print(f"wrote motion.npz, report.json{' and preview.png' if drawn else ''} in {output}")
+    out.print(f"wrote motion.npz, report.json{' and preview.png' if pictured else ''} in {output}")
     out.print(told(laps, since_start()))
 
 
-def _drawn(result: Result, png: Path) -> bool:
+def drawn(result: Result, png: Path) -> bool:
     """Draw the preview; where nothing can draw, the motion is still worth having. A full disk is an error as ever."""
     from scenectl.view import draw_result
 

@@ -15,7 +15,9 @@ from scenes.errors import UserError
 
 
 def view(
-    what: Annotated[str, typer.Argument(metavar="DIR|MOTION|SCENE", help="A result, a motion, a mesh file or a scene.")],
+    what: Annotated[
+        str, typer.Argument(metavar="DIR|MOTION|SCENE", help="A result, a motion, a mesh file or a scene.")
+    ],
     png: Annotated[Path | None, typer.Option(help="Draw into this file instead of a window.")] = None,
     sample: Annotated[int, typer.Option(min=0, help="Which motion of a result, 0 is the best.")] = 0,
     at: Annotated[float | None, typer.Option(help="One moment (s) instead of several.")] = None,
