@@ -132,7 +132,7 @@ class Motion:
         """One motion of a batch."""
         return replace(self, joints=self.joints[sample], valid=self.valid[sample])
 
-    def resampled(self, fps: float) -> Motion:
+    def resampled(self, fps: float | int) -> Motion:
         """The same at another rate: frames left out where the rates allow, lines between frames otherwise.
 
         The first frame stays; the last is the last that the motion still reaches. Interpolated frames are real where

@@ -46,7 +46,7 @@ def check_shapes(shapes: Shapes) -> None:
             raise ValueError(f"its '{key}' has shape {shapes[key]}; give one number")
 
 
-def check_rate(fps: float, frames: int) -> None:
+def check_rate(fps: float | int, frames: int) -> None:
     """Raise ValueError for frames a second that nobody records, or so few that the motion would last for hours."""
     if not SLOWEST <= fps <= FASTEST:
         raise ValueError(f"it has {fps:g} frames a second; {SLOWEST:g} to {FASTEST:g} are read")

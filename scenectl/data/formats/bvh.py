@@ -58,7 +58,7 @@ class BvhFile:
         rate = 1.0 / self.frame_time
         return float(round(rate)) if abs(rate / max(round(rate), 1) - 1) < 1e-4 else rate
 
-    def at_rate(self, fps: float) -> BvhFile:
+    def at_rate(self, fps: float | int) -> BvhFile:
         """The same frames at another rate than the file says; raises UserError for one that nobody records at."""
         try:
             check_rate(fps, len(self.values))

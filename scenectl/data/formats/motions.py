@@ -26,7 +26,7 @@ import torch
 from scenectl.data.features import FEATURES, JOINTS, ROOT_HEIGHT, features_to_joints
 from scenectl.data.formats.bvh import convert_bvh, read_bvh
 from scenectl.data.formats.people import check_legs, doubted_axis, doubted_legs, turned
-from scenectl.data.joint_names import DERIVED, match_joints
+from scenectl.data.joint_names import DERIVED, listed, match_joints
 from scenes.archive import load_npy, npz_headers
 from scenes.errors import UserError
 from scenes.motion.motion import MOST_BYTES, Motion, read_motion_arrays
@@ -60,12 +60,16 @@ class Reading:
     doubts: tuple[str, ...] = ()
 
 
-def load_motion(path: str | Path, fps: float | None = None, unit: str | None = None, up: str | None = None) -> Motion:
+def load_motion(
+    path: str | Path, fps: float | int | None = None, unit: str | None = None, up: str | None = None
+) -> Motion:
     """The motion in a file of any kind; see `read_motion`, which also tells what was decided and what is doubtful."""
     return read_motion(path, fps, unit, up).motion
 
 
-def read_motion(path: str | Path, fps: float | None = None, unit: str | None = None, up: str | None = None) -> Reading:
+def read_motion(
+    path: str | Path, fps: float | int | None = None, unit: str | None = None, up: str | None = None
+) -> Reading:
     """Read a motion that anybody wrote.
 
     Args:
@@ -104,29 +108,30 @@ def one_of(motion: Motion, sample: int, path: str | Path) -> Motion:
     return motion[sample] if motion.joints.ndim == 4 else motion
 
 
-def _of_bvh(path: Path, fps: float | None, unit: str | None, up: str | None) -> Reading:
-    file = read_bvh(path)
-    file = file if fps is None else file.at_rate(fps)
+def _of_bvh(path: Path, fps: float | int | None, unit: str | None, up: str | None) -> Reading:
+    file, doubts = read_bvh(path), ()
+    if fps is not None and abs(file.rate / fps - 1) > 1e-3:
+        doubts = (f"BVH file '{path}': it says {file.rate:.4g} frames a second, and {fps:g} were stated and are taken",)
+        file = file.at_rate(fps)
     clip = convert_bvh(file, unit, up, fps=None, source=str(path))
     try:
         motion = Motion.from_arrays({"joints": clip.motion.joints.numpy(), "fps": clip.motion.fps})
     except ValueError as error:
         raise UserError(f"BVH file '{path}': {error}") from error
-    return Reading(motion, (clip.message,), clip.doubts)
+    return Reading(motion, (clip.message,), doubts + clip.doubts)
 
 
 def _archive(path: Path) -> dict[str, np.ndarray]:
     """What is known of an .npz file's arrays; raises ValueError where none of them is a motion."""
     names = npz_headers(path).keys()
     if names.isdisjoint(KEYS[:3]):
-        listed = ", ".join(f"'{name}'" for name in list(names)[:8]) or "nothing"
         why = "; poses of SMPL need its body model: let that write the joints" if {"poses", "trans"} <= names else ""
-        raise ValueError(f"it holds {listed}, and a motion is 'joints' or 'features'{why}")
+        raise ValueError(f"it holds {listed([*names]) or 'nothing'}, and a motion is 'joints' or 'features'{why}")
     return read_motion_arrays(path, KEYS)
 
 
 def _of_arrays(
-    arrays: Mapping[str, np.ndarray], fps: float | None, unit: str | None, up: str | None, where: str
+    arrays: Mapping[str, np.ndarray], fps: float | int | None, unit: str | None, up: str | None, where: str
 ) -> Reading:
     key = next(key for key in KEYS if key in arrays)
     if arrays[key].dtype.kind not in "fiu":
