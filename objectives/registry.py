@@ -14,7 +14,7 @@ from torch import Tensor
 from objectives.kernels import KERNELS, REDUCTIONS, Kernel, Reduction
 from objectives.marks import Mark
 from objectives.parameters import describe, parse
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, clipped, did_you_mean
 
 TERM_KEYS = (
     "use",
@@ -202,7 +202,7 @@ def get_goal(use: str | GoalFunction) -> GoalSpec:
         raise UserError(f"function '{getattr(use, '__name__', use)}' is not a goal; decorate it with @goal(unit=...)")
     if use not in _GOALS:
         raise UserError(
-            f"unknown goal '{use}'{did_you_mean(use, _GOALS)} -- one of your own is known by --allow-code FILE.py"
+            f"unknown goal '{clipped(use)}'{did_you_mean(use, _GOALS)} (--allow-code FILE.py brings one of your own)"
         )
     return _GOALS[use]
 

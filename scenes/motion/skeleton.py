@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, clipped, did_you_mean
 
 FEET = ("left_foot", "right_foot")
 """Joints at the balls of the feet, by which people stand."""
@@ -52,7 +52,7 @@ class Skeleton:
     def index(self, name: str) -> int:
         """Index of the joint called `name`; raises UserError naming the nearest known joint."""
         if name not in self._index:
-            raise UserError(f"unknown joint '{name}'{did_you_mean(name, self.names)}")
+            raise UserError(f"unknown joint '{clipped(name)}'{did_you_mean(name, self.names)}")
         return self._index[name]
 
     def indices(self, names: list[str] | tuple[str, ...]) -> list[int]:

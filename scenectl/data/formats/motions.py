@@ -109,7 +109,8 @@ def one_of(motion: Motion, sample: int, path: str | Path) -> Motion:
 
 
 def _of_bvh(path: Path, fps: float | int | None, unit: str | None, up: str | None) -> Reading:
-    file, doubts = read_bvh(path), ()
+    file = read_bvh(path)
+    doubts: tuple[str, ...] = ()
     if fps is not None and abs(file.rate / fps - 1) > 1e-3:
         doubts = (f"BVH file '{path}': it says {file.rate:.4g} frames a second, and {fps:g} were stated and are taken",)
         file = file.at_rate(fps)
