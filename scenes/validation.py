@@ -34,7 +34,7 @@ def sentence(error: ValidationError, data: Any, root: Any, hidden: Collection[st
         key, table = where[-1], _locate(where[:-1], data, root)
         if kind == "missing":
             return f"'{key}' is missing" + (f" in [{table.name}]" if table.name else "")
-        known = {name for model in _models(table.hint) for name in _fields(model)} - {*hidden}
+        known = {name for model in models_of(table.hint) for name in _fields(model)} - {*hidden}
         return _inside(table.name) + f"unknown key '{clipped(key)}'{did_you_mean(key, known)}"
     place = _locate(where, data, root)
     if kind.startswith("union_tag"):
@@ -96,7 +96,7 @@ def _locate(where: tuple[int | str, ...], data: Any, root: Any) -> _Place:
     """Follow an error's location through models, lists and unions; a value that holds no table is not entered."""
     name, hint, given = "", root, data
     for part in where:
-        models = list(_models(hint))
+        models = list(models_of(hint))
         if not models:
             break
         if isinstance(part, int):
@@ -109,13 +109,13 @@ def _locate(where: tuple[int | str, ...], data: Any, root: Any) -> _Place:
     return _Place(name, hint, given)
 
 
-def _models(hint: Any) -> Iterator[type[BaseModel]]:
+def models_of(hint: Any) -> Iterator[type[BaseModel]]:
     """Every model in a type: alternatives of a union, and what lists hold."""
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         yield hint
         return
     for inner in get_args(hint)[:1] if get_origin(hint) is Annotated else get_args(hint):
-        yield from _models(inner)
+        yield from models_of(inner)
 
 
 def _fields(model: type[BaseModel]) -> dict[str, Any]:
@@ -126,8 +126,8 @@ def _fields(model: type[BaseModel]) -> dict[str, Any]:
 def _item(hint: Any) -> Any:
     """What a list of this type holds."""
     if get_origin(hint) in (Annotated, Union, types.UnionType):
-        return next((_item(inner) for inner in get_args(hint) if any(_models(inner))), hint)
-    return next((inner for inner in get_args(hint) if any(_models(inner))), hint)
+        return next((_item(inner) for inner in get_args(hint) if any(models_of(inner))), hint)
+    return next((inner for inner in get_args(hint) if any(models_of(inner))), hint)
 
 
 def _entry(given: Any, part: int | str) -> Any:
@@ -143,6 +143,6 @@ def _kind(model: type[BaseModel]) -> Any:
 
 def _tag(error: ErrorDetails, hint: Any) -> str:
     """A table that doesn't say of which kind it is, or says one that does not exist."""
-    facts, kinds = error.get("ctx", {}), [str(_kind(model)) for model in _models(hint)]
+    facts, kinds = error.get("ctx", {}), [str(_kind(model)) for model in models_of(hint)]
     said = f"is '{clipped(facts['tag'])}'" if "tag" in facts else "is missing"
     return f"{facts['discriminator']} {said}{did_you_mean(facts.get('tag', ''), kinds)}"
