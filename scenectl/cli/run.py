@@ -53,12 +53,12 @@ def run(
         begin = time.perf_counter()
         result.save(output, preview=False)
         laps["writing"], begin = time.perf_counter() - begin, time.perf_counter()
-        seen = preview and drawn(result, output / "preview.png")
+        pictured = preview and drawn(result, output / "preview.png")
         laps["preview"] = time.perf_counter() - begin
     maker = result.report["generator"]
     out.print(literal(f"weights '{maker['weights']}': {maker['licence']}"))
     show_samples(result)
     doubt(result.report["scene"]["doubts"])
-    out.print(f"wrote motion.npz{', report.json and preview.png' if seen else ' and report.json'} in {output}")
+    out.print(f"wrote motion.npz{', report.json and preview.png' if pictured else ' and report.json'} in {output}")
     out.print(told(laps, since_start()))
     leave(result, allow_unmet)

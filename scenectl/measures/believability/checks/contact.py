@@ -127,7 +127,9 @@ def crossing(evidence: Evidence) -> Found | None:
         return Found(0.0, "nothing is crossed between frames")
     point = places[frame : frame + 1, sample] + part_way * (places[frame + 1, sample] - places[frame, sample])
     thing = nearest_thing(scorer, point, at)
-    return Found(-worst, f"{part} goes {centimetres(-worst)} through the {thing} between frames at {at:.2f} s", at, part)
+    return Found(
+        -worst, f"{part} goes {centimetres(-worst)} through the {thing} between frames at {at:.2f} s", at, part
+    )
 
 
 def beyond(evidence: Evidence) -> Found | None:
