@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,9 +27,9 @@ def of_scene(scene: Scene) -> Picture:
 
 def of_result(result: Result, sample: int = 0) -> Picture:
     """One motion of a result in its scene; 0 is the best."""
-    setup = result.setup
+    setup, row = result.setup, result.report["samples"][sample]
     motion = result.motion[sample].seen_from(setup.origin)
-    return Picture(setup.scene, motion, setup.path, setup.objective, setup.task.prompt, setup.body)
+    return _judged(Picture(setup.scene, motion, setup.path, setup.objective, setup.task.prompt, setup.body), row)
 
 
 def of_folder(folder: str | Path, sample: int = 0) -> Picture:
@@ -49,7 +51,24 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     task, one, scene = task.seen_from(origin), one.seen_from(origin), scene.seen_from(origin)
     path = None if walk is None else np.array(walk["path"]) - origin
     terms = () if task.walk is None or path is None else task.walk.terms(path, float(report["seconds"]), motion.fps)
-    return Picture(scene, one, path, Objective((*terms, *task.terms)), task.prompt, task.load_body())
+    goals = Objective((*terms, *task.terms))
+    return _judged(Picture(scene, one, path, goals, task.prompt, task.load_body()), report["samples"][sample])
+
+
+def _judged(picture: Picture, row: Mapping[str, Any]) -> Picture:
+    """A picture with what a row of a report says of its motion; reports of before the verdict have none."""
+    from objectives import TermReport
+    from scenectl.measures.believability.verdict import Finding, Verdict
+
+    said = row.get("verdict")
+    verdict = None if said is None else Verdict(tuple(Finding(**finding) for finding in said["findings"]))
+    reports = [TermReport(**{**term, "worst": _number(term["worst"])}) for term in row["terms"]]
+    return replace(picture, reports=reports, verdict=verdict)
+
+
+def _number(value: float | None) -> float:
+    """What a report says: it has None for what is not finite."""
+    return float("inf") if value is None else value
 
 
 def draw_result(result: Result, png: str | Path) -> None:
