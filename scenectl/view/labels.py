@@ -33,7 +33,7 @@ _WAYS = [(np.sin(a), -np.cos(a)) for a in np.deg2rad([0, 35, -35, 70, -70, 90, -
 _AWAY = (0.3, 0.9, 1.8, 3.0, 4.5, 7.0, 10.0)
 """Distances from the anchor at which it is tried, in heights of letters."""
 _COVER = 0.6
-"""How many heights of letters further away a label goes before it covers so much of a person, in letters high and wide."""
+"""Heights of letters by which a label goes further away to uncover a square of that height of a person."""
 
 
 class Label(NamedTuple):

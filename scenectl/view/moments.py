@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from objectives import Context, Mark, Term, TermReport
-from objectives.marks import marks_of_targets
 from scenectl.measures.believability.verdict import Finding, Verdict
 from scenes.motion.motion import Motion
 
@@ -57,17 +56,13 @@ class Seen:
 def seen(term: Term, motion: Motion, context: Context, report: TermReport | None = None) -> Seen:
     """A term as pictures show it beside one motion ``[T, J, 3]``. No distance of the scene is asked."""
     with torch.no_grad():
-        found, marks = term.evaluate(motion, context.unbaked), term.marks(motion, context)
+        found = term.evaluate(motion, context.unbaked)
     active = found.mask.any(-1).cpu().numpy()
 
     def at(frame: int) -> Sequence[Mark]:
-        if not active[frame] or found.marks is not None or found.targets is None:
-            return marks if active[frame] else ()
-        span, near = slice(frame, frame + 1), term.allowed if term.spec.unit == "m" else 0.0
-        points = None if found.points is None else found.points[span]
-        return marks_of_targets(found.targets[span], points, found.mask[span], near)
+        return term.marks_of(found, slice(frame, frame + 1)) if active[frame] else ()
 
-    return Seen(term.name, marks, active, at, report)
+    return Seen(term.name, term.marks_of(found), active, at, report)
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,12 @@ class Picture:
 
     def surface(self, frame: int) -> np.ndarray:
         """Samples of the body at a frame, ``[M, 3]`` m."""
-        samples: np.ndarray = self.body.points_of(torch.from_numpy(self.joints(frame))).numpy()
+        return self._samples[frame]
+
+    @cached_property
+    def _samples(self) -> np.ndarray:
+        assert self.motion is not None
+        samples: np.ndarray = self.body.points(self.motion)[0].detach().cpu().double().numpy()
         return samples
 
     def points(self, moments: Sequence[Moment]) -> np.ndarray:
@@ -252,11 +257,9 @@ class Picture:
     def _draw_shadow(self, stage: Plotter, poses: Sequence[int]) -> None:
         from pyvista import StructuredGrid
 
-        assert self.motion is not None
-        samples, radii = self.body.points(self.motion)
-        bodies, strengths = [samples[f].double().numpy() for f in poses], [0.22 + 0.28 * s for s in shares(len(poses))]
+        bodies, strengths = [self.surface(frame) for frame in poses], [0.22 + 0.28 * s for s in shares(len(poses))]
         over = [body - [0.0, self.ground(body[:1])[0], 0.0] for body in bodies]
-        x, z, dark = soft_shadow(over, radii.numpy(), strengths)
+        x, z, dark = soft_shadow(over, self.body.radii().numpy(), strengths)
         flat = np.stack(np.broadcast_arrays(x[:, None], 0.0, z), axis=-1)
         grid = StructuredGrid(flat[..., 0], self.ground(flat.reshape(-1, 3)).reshape(dark.shape) + 0.012, flat[..., 2])
         shade = np.full((dark.size, 4), 30, dtype=np.uint8)

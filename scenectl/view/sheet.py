@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _OVER, _ALONE = 0.12, 0.8
 """Share of a person that another may cover in the scene; seconds around a person that is shown within which one between
 others is not missed."""
-_ROW, _CROWD = 0.36, 10
+_ROW, _CROWD = 0.4, 10
 """Height of a row as a share of the sheet's, and how many people it holds."""
 _NAMED = 10
 """Goals at most whose marks are labelled."""
@@ -37,33 +37,48 @@ class Extras(NamedTuple):
     signs: bool = False
 
 
+class Plan(NamedTuple):
+    """What is shown where: moments in the scene, seen by a camera in a part of a size (pixels), and those in a row."""
+
+    shown: list[Moment]
+    camera: Camera
+    scene: tuple[int, int]
+    beside: list[Moment]
+    row: tuple[int, int]
+
+
 def compose(picture: Picture, moments: Sequence[Moment], size: tuple[int, int], extras: Extras) -> Image:
     """All of a picture at some moments, of a size (pixels)."""
     from PIL import Image
 
     caption = Caption(picture.title, picture.reports, picture.verdict, size)
-    height = size[1] - caption.height
-    camera = picture.look(moments, size[0] / height)
-    shown, beside = shared_out(picture, moments, camera, (size[0], height))
-    alone = picture.room.bare and picture.path is None and set(shown) <= set(beside)
-    low = 0 if not beside else height if alone else round(_ROW * size[1])
-    panels = []
-    if low < height:
-        part = (size[0], height - low)
-        if low:
-            back = (camera.position - camera.target) / np.linalg.norm(camera.position - camera.target)
-            camera = seen_along(back, picture.points(moments), part[0] / part[1])
-        panels.append(_scene(picture, shown, camera, part, extras))
-    if beside:
-        panels.append(draw_row(picture, beside, (size[0], low), extras.clearance, 3 * letters(size)))
+    plan = planned(picture, moments, (size[0], size[1] - caption.height))
+    panels = [draw_scene(picture, plan, extras)] if plan.scene[1] else []
+    if plan.beside:
+        panels.append(draw_row(picture, plan.beside, plan.row, extras.clearance, 3 * letters(size)))
     sheet, top = Image.new("RGB", size, PAPER), 0
     for panel in panels:
-        part_image = Image.fromarray(panel.image)
-        draw_labels(part_image, panel.labels, panel.busy, letters(size))
-        sheet.paste(part_image, (0, top))
-        top += part_image.size[1]
+        part = Image.fromarray(panel.image)
+        draw_labels(part, panel.labels, panel.busy, letters(size))
+        sheet.paste(part, (0, top))
+        top += part.size[1]
     caption.draw(sheet)
     return sheet
+
+
+def planned(picture: Picture, moments: Sequence[Moment], size: tuple[int, int]) -> Plan:
+    """How moments are shown in a size (pixels): the scene is left away where there is none and nobody moves on."""
+    width, height = size
+    camera = picture.look(moments, width / height)
+    shown, beside = shared_out(picture, moments, camera, size)
+    if not beside:
+        return Plan(shown, camera, size, beside, (width, 0))
+    if picture.room.bare and picture.path is None and set(shown) <= set(beside):
+        return Plan(shown, camera, (width, 0), beside, size)
+    low = round(_ROW * height)
+    back = (camera.position - camera.target) / np.linalg.norm(camera.position - camera.target)
+    camera = seen_along(back, picture.points(moments), width / (height - low))
+    return Plan(shown, camera, (width, height - low), beside, (width, low))
 
 
 def shared_out(
@@ -71,8 +86,8 @@ def shared_out(
 ) -> tuple[list[Moment], list[Moment]]:
     """The moments to show in the scene, where no person hides another, and those to show in a row instead.
 
-    In the row are those that found no place though something is about them, or though nobody is shown soon before or
-    after, and those in the scene that stand where they do.
+    In the row are those that found no place though something is about them, they stay where they were or will be, or
+    nobody is shown soon before or after; and those in the scene that stand where they do.
     """
     outlines = [_outline(picture, moment, camera, size) for moment in moments]
     shown: list[int] = []
@@ -83,13 +98,15 @@ def shared_out(
     for k in sorted(range(len(moments)), key=first):
         if all(_shared(outlines[k], outlines[other]) <= _OVER for other in shown):
             shown.append(k)
+    roots = np.array([picture.joints(moment.frame)[0, [0, 2]] for moment in moments]).reshape(-1, 2)
     times = np.array([picture.time(moment.frame) for moment in moments])
+    steps = np.linalg.norm(np.diff(roots, axis=0), axis=1)
+    stays = np.minimum(np.append(steps, np.inf), np.insert(steps, 0, np.inf)) < APART
     lost = [
         k
         for k, moment in enumerate(moments)
-        if k not in shown and (moment.asked or np.abs(times[k] - times[shown]).min() > _ALONE)
+        if k not in shown and (moment.asked or stays[k] or np.abs(times[k] - times[shown]).min() > _ALONE)
     ]
-    roots = np.array([picture.joints(moment.frame)[0, [0, 2]] for moment in moments])
     with_them = [k for k in shown if lost and np.linalg.norm(roots[k] - roots[lost], axis=1).min() < APART]
     beside = sorted(sorted([*lost, *with_them], key=first)[:_CROWD])
     return [moments[k] for k in sorted(shown)], [moments[k] for k in beside]
@@ -106,8 +123,9 @@ def _shared(a: np.ndarray, b: np.ndarray) -> float:
     return float((a & b).sum()) / max(1, min(a.sum(), b.sum()))
 
 
-def _scene(picture: Picture, shown: Sequence[Moment], camera: Camera, size: tuple[int, int], extras: Extras) -> Panel:
+def draw_scene(picture: Picture, plan: Plan, extras: Extras) -> Panel:
     """The scene with people at the moments shown."""
+    shown, camera, size = plan.shown, plan.camera, plan.scene
     stage, frames = open_stage(size), [moment.frame for moment in shown]
     picture.set_stage(stage, camera, frames, extras.signs)
     picture.draw_moving(stage, [picture.time(frame) for frame in frames] or [0.0])
