@@ -239,13 +239,17 @@ class Term:
         Of a goal that says neither, the points and tracks among its parameters. No distance of the scene is asked.
         """
         with torch.no_grad():
-            found = self.evaluate(motion, context.unbaked)
+            return self.marks_of(self.evaluate(motion, context.unbaked))
+
+    def marks_of(self, found: Evaluated, frames: slice = slice(None)) -> list[Mark]:
+        """What there is to see of the term as it was evaluated beside one motion; of its targets, those at `frames`."""
         if found.marks is not None:
             return list(found.marks())
         near = self.allowed if self.spec.unit == "m" else 0.0
         if found.targets is None:
             return marks_of_parameters(self.parameters, near)
-        return marks_of_targets(found.targets, found.points, found.mask, near)
+        points = None if found.points is None else found.points[frames]
+        return marks_of_targets(found.targets[frames], points, found.mask[frames], near)
 
     def residual(self, motion: Motion, context: Context) -> Float[Tensor, "*b T k"]:
         """The goal's residual in natural units, unweighted; zero where the term does not apply."""

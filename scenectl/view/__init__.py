@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,9 +29,9 @@ def of_scene(scene: Scene) -> Picture:
 
 def of_result(result: Result, sample: int = 0) -> Picture:
     """One motion of a result in its scene; 0 is the best."""
-    setup = result.setup
+    setup, row = result.setup, result.report["samples"][sample]
     motion = result.motion[sample].seen_from(setup.origin)
-    return Picture(setup.scene, motion, setup.path, setup.objective, setup.task.prompt, setup.body)
+    return _judged(Picture(setup.scene, motion, setup.path, setup.objective, setup.task.prompt, setup.body), row)
 
 
 def of_motion(motion: Motion, title: str = "") -> Picture:
@@ -47,7 +49,6 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     from scenectl.tasks.setup import start_of
     from scenectl.tasks.task import Task
     from scenectl.tasks.walk import walk_terms
-    from scenes.errors import UserError
 
     motion, report = load_result(folder)
     one = one_of(motion, sample, folder)
@@ -58,7 +59,24 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     path = None if planned is None else np.array(planned["path"]) - origin
     seconds, walk = float(report["seconds"]), task.walk
     terms = () if walk is None or path is None else walk_terms(walk, path, seconds, motion.fps, task.terms)
-    return Picture(scene, one, path, Objective((*terms, *task.terms)), task.prompt, task.load_body())
+    goals = Objective((*terms, *task.terms))
+    return _judged(Picture(scene, one, path, goals, task.prompt, task.load_body()), report["samples"][sample])
+
+
+def _judged(picture: Picture, row: Mapping[str, Any]) -> Picture:
+    """A picture with what a row of a report says of its motion; reports of before the verdict have none."""
+    from objectives import TermReport
+    from scenectl.measures.believability.verdict import Finding, Verdict
+
+    said = row.get("verdict")
+    verdict = None if said is None else Verdict(tuple(Finding(**finding) for finding in said["findings"]))
+    reports = [TermReport(**{**term, "worst": _number(term["worst"])}) for term in row["terms"]]
+    return replace(picture, reports=reports, verdict=verdict)
+
+
+def _number(value: float | None) -> float:
+    """What a report says: it has None for what is not finite."""
+    return float("inf") if value is None else value
 
 
 def draw_result(result: Result, png: str | Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,6 +15,10 @@ if TYPE_CHECKING:
 
 ANGLE = 26.0
 """Vertical opening of the camera, degrees: long enough that nothing near the edge is distorted."""
+_ROOM = 0.5
+"""Metres that are left free around what shall be seen: there is writing over people's heads."""
+_SHORT = 0.02
+"""Metres before a point at which sight of it ends, so that what it lies on does not cover it."""
 
 
 class Camera(NamedTuple):
@@ -21,6 +26,19 @@ class Camera(NamedTuple):
 
     position: np.ndarray
     target: np.ndarray
+
+    def project(self, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Where points ``[..., 3]`` are in a picture: ``[..., 2]`` pixels from its upper left; and pixels a metre.
+
+        What is behind the camera is not a number.
+        """
+        back = (self.position - self.target) / np.linalg.norm(self.position - self.target)
+        right, up = _axes(back)
+        offset = points - self.position
+        depth = -(offset @ back)
+        scale = size[1] / (2 * math.tan(math.radians(ANGLE / 2)) * np.where(depth > 1e-3, depth, np.nan))
+        flat = np.stack([offset @ right, -(offset @ up)], axis=-1) * scale[..., None]
+        return flat + np.array(size) / 2, scale
 
 
 def look_from(stage: Plotter, camera: Camera) -> None:
@@ -61,21 +79,35 @@ class Sight:
 
     def covering(self, eye: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Indices of the triangles that cover `point` when seen from `eye`."""
+        return self.hits(eye, point)[0]
+
+    def hits(self, eye: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Indices of the triangles that cover `point` when seen from `eye`, and where, ``[n, 3]`` m."""
         if not len(self.triangles):
-            return np.zeros(0, dtype=int)
+            return np.zeros(0, dtype=int), np.zeros((0, 3))
         from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
 
-        hits, cells = vtkPoints(), vtkIdList()
-        towards = point + 0.02 * (eye - point) / np.linalg.norm(eye - point)
-        self._locator.IntersectWithLine(eye.tolist(), towards.tolist(), 1e-4, hits, cells)
-        found = np.array([cells.GetId(k) for k in range(cells.GetNumberOfIds())], dtype=int)
-        if self.one_sided and len(found):
-            found = found[(self.normals[found] * (eye - self.triangles[found, 0])).sum(-1) > 0]
-        return found
+        places, cells = vtkPoints(), vtkIdList()
+        towards = point + _SHORT * (eye - point) / np.linalg.norm(eye - point)
+        self._locator.IntersectWithLine(eye.tolist(), towards.tolist(), 1e-4, places, cells)
+        count = cells.GetNumberOfIds()
+        found = np.array([cells.GetId(k) for k in range(count)], dtype=int)
+        where = np.array([places.GetPoint(k) for k in range(count)]).reshape(-1, 3)
+        if self.one_sided and count:
+            front = (self.normals[found] * (eye - self.triangles[found, 0])).sum(-1) > 0
+            found, where = found[front], where[front]
+        return found, where
 
 
-def choose(points: np.ndarray, sight: Sight, along: np.ndarray, aspect: float, room: float = 0.7) -> Camera:
-    """The camera from which most of `points` are seen, preferring a low side view of the motion.
+def choose(
+    points: np.ndarray,
+    sight: Sight,
+    along: np.ndarray,
+    aspect: float,
+    room: float = _ROOM,
+    figures: Sequence[np.ndarray] = (),
+) -> Camera:
+    """The camera from which most of `points` are seen and figures stand apart, best a low side view of the motion.
 
     Args:
         points: what shall be in the picture and seen, ``[n, 3]`` metres.
@@ -83,10 +115,8 @@ def choose(points: np.ndarray, sight: Sight, along: np.ndarray, aspect: float, r
         along: direction of the motion on the floor, ``[2]`` (x, z); zero for none.
         aspect: width over height of the picture.
         room: metres left free around the points.
+        figures: poses ``[J, 3]`` that shall not cover each other.
     """
-    low, high = points.min(axis=0), points.max(axis=0)
-    target = (low + high) / 2
-    target[1] = low[1] + 0.5 * (high[1] - low[1])
     probe = points[np.linspace(0, len(points) - 1, min(len(points), 90)).astype(int)]
     views = []
     for elevation in (24.0, 34.0, 46.0, 60.0):
@@ -94,24 +124,48 @@ def choose(points: np.ndarray, sight: Sight, along: np.ndarray, aspect: float, r
             e, a = math.radians(elevation), math.radians(azimuth + 10.0)
             back = np.array([math.cos(e) * math.sin(a), math.sin(e), math.cos(e) * math.cos(a)])
             side = abs(float(along @ np.array([math.cos(a), -math.sin(a)])))  # 1 when the motion crosses the view
-            views.append((0.004 * abs(elevation - 30.0) - 0.15 * side, back))
+            views.append((0.004 * abs(elevation - 30.0) - 0.15 * side + _overlap(figures, back), back))
     best: tuple[float, Camera] | None = None
     for cost, back in sorted(views, key=lambda view: view[0]):
         if best is not None and cost >= best[0]:
             break  # no view that is left can be better, whatever it hides
-        eye = target + back * _distance(points, target, back, aspect, room)
-        hidden = float(np.mean([len(sight.covering(eye, p)) > 0 for p in probe]))
+        camera = seen_along(back, points, aspect, room)
+        hidden = float(np.mean([len(sight.covering(camera.position, p)) > 0 for p in probe]))
         if best is None or cost + hidden < best[0]:
-            best = (cost + hidden, Camera(eye, target))
+            best = (cost + hidden, camera)
     assert best is not None
     return best[1]
 
 
-def _distance(points: np.ndarray, target: np.ndarray, back: np.ndarray, aspect: float, room: float) -> float:
-    """How far away the camera must be so that all points and `room` metres around them are in the picture."""
+def seen_along(back: np.ndarray, points: np.ndarray, aspect: float, room: float = _ROOM) -> Camera:
+    """The camera in the direction `back` (a unit vector) that has points ``[n, 3]`` and `room` (m) around in view."""
+    target = (points.min(axis=0) + points.max(axis=0)) / 2
+    return Camera(target + back * _distance(points, target, back, aspect, room), target)
+
+
+def _overlap(figures: Sequence[np.ndarray], back: np.ndarray) -> float:
+    """How much of the box around each figure is another's, in the mean, when they are seen along `back`."""
+    if len(figures) < 2:
+        return 0.0
+    flat = np.stack(figures) @ np.stack(_axes(back), axis=1)
+    low, high = flat.min(axis=1), flat.max(axis=1)
+    shared = (np.minimum(high[:, None], high) - np.maximum(low[:, None], low)).clip(min=0.0).prod(axis=-1)
+    area = (high - low).prod(axis=-1)
+    shared /= np.maximum(np.minimum(area[:, None], area), 1e-9)
+    np.fill_diagonal(shared, 0.0)
+    return float(shared.max(axis=1).mean())
+
+
+def _axes(back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Right and up of a picture of what lies along -`back`."""
     right = np.cross([0.0, 1.0, 0.0], back)
     right /= np.linalg.norm(right)
-    up = np.cross(back, right)
+    return right, np.cross(back, right)
+
+
+def _distance(points: np.ndarray, target: np.ndarray, back: np.ndarray, aspect: float, room: float) -> float:
+    """How far away the camera must be so that all points and `room` metres around them are in the picture."""
+    right, up = _axes(back)
     offset = points - target
     half = math.tan(math.radians(ANGLE / 2))
     need_x = (np.abs(offset @ right) + room) / (half * aspect) + offset @ back

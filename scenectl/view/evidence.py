@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenectl.view.marks import GOAL
-from scenectl.view.stage import INK, scaled
+from scenectl.view.stage import say, scaled
 from scenes.mesh.surface import Surface
 from scenes.sdf.bake import Bake
 from scenes.sdf.signs import UNCERTAIN
@@ -54,4 +54,4 @@ def draw_evidence(stage: Plotter, scene: Scene) -> None:
         if len(edges):
             stage.add_lines(edges.reshape(-1, 3), color=GOAL, width=2)
         summaries.append(f"{mesh.name}: {result.signs.summary}")
-    stage.add_text("\n".join(summaries), position=(0.015, 0.02), viewport=True, font_size=12, color=INK)
+    say(stage, "\n".join(summaries), (0.015, 0.02), 12)

@@ -18,6 +18,8 @@ Ground = Callable[[np.ndarray], np.ndarray]
 """Heights (m) of the ground at points ``[P, 3]``, of which x and z count."""
 
 GOAL, WAY, OBSTACLE = (200, 50, 43), (47, 125, 107), (122, 94, 168)
+REACHED = (46, 150, 72)
+"""Of what is wanted and met, in place of `GOAL`."""
 LIFT = 0.02
 """Metres by which what lies on the floor is raised, so that it shows."""
 _COLOURS = {"goal": GOAL, "way": WAY, "obstacle": OBSTACLE}
@@ -25,20 +27,21 @@ _LINE, _DOT, _LEAST = 0.015, 0.03, 0.05
 """Radii (m) of lines and of the dot in a ring, and the least of a ring: seen from across a room."""
 
 
-def draw_marks(stage: Plotter, marks: Sequence[Mark], ground: Ground) -> None:
-    """Draw those marks that stand still; `ground` tells the height of what states none."""
-    for mark in (mark for mark in marks if not _moves(mark)):
-        _draw(stage, mark, places(mark, ground))
+def draw_marks(stage: Plotter, marks: Sequence[Mark], ground: Ground, met: bool = False) -> None:
+    """Draw those marks of a goal, `met` or not, that stand still; `ground` tells the height of what states none."""
+    for mark in (mark for mark in marks if not moves(mark)):
+        draw_mark(stage, mark, places(mark, ground), met)
 
 
 def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], ground: Ground, times: Sequence[float]) -> None:
     """Draw those marks that move in place of where they were: at some times (s), pale at first and solid at last."""
     for k, mark in enumerate(marks):
-        for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if _moves(mark) else ():
-            _draw(stage, mark, places(mark, ground, time), share, f"mark {k} {i}")
+        for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if moves(mark) else ():
+            draw_mark(stage, mark, places(mark, ground, time), False, share, f"mark {k} {i}")
 
 
-def _moves(mark: Mark) -> bool:
+def moves(mark: Mark) -> bool:
+    """It is not at one place all the time."""
     return mark.times is not None and bool((mark.points != mark.points[:1]).any())
 
 
@@ -69,10 +72,13 @@ def draw_line(stage: Plotter, points: np.ndarray, colour: tuple[int, int, int], 
         stage.add_mesh(lines_from_points(kept).tube(radius=radius, n_sides=12), color=colour, ambient=0.4, **ROUND)
 
 
-def _draw(stage: Plotter, mark: Mark, points: np.ndarray, share: float = 1.0, name: str | None = None) -> None:
+def draw_mark(
+    stage: Plotter, mark: Mark, points: np.ndarray, met: bool = False, share: float = 1.0, name: str | None = None
+) -> None:
+    """Draw one mark with its points at ``[P, 3]`` m; `share` of its opacity."""
     from pyvista import Disc, merge
 
-    colour, radius = _COLOURS[mark.role], max(mark.radius, _DOT)
+    colour, radius = REACHED if met and mark.role == "goal" else _COLOURS[mark.role], max(mark.radius, _DOT)
     if not np.isfinite(points).all():
         return
     if mark.shape == "line":

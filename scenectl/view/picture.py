@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,13 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from objectives import Context, Mark, Objective
+from objectives import Context, Mark, Objective, TermReport
+from scenectl.measures.believability.verdict import Verdict
 from scenectl.view.camera import Camera, choose, look_from
 from scenectl.view.evidence import draw_evidence
+from scenectl.view.labels import plain
 from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, draw_moving_marks, places, shares
+from scenectl.view.moments import APART, Moment, Seen, moments_of, seen
 from scenectl.view.room import GLASS, Room
 from scenectl.view.shapes import body_hull, soft_shadow
-from scenectl.view.stage import INK, ROUND, SIZE, open_stage, scaled, write
+from scenectl.view.sheet import Extras, compose
+from scenectl.view.stage import ROUND, SIZE, scaled, write
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
@@ -28,8 +32,8 @@ if TYPE_CHECKING:
 _PALE, _STRONG = np.array([238.0, 208.0, 190.0]), np.array([212.0, 78.0, 34.0])
 """A person's colour at the start and at the end."""
 _TRAIL = (138, 59, 30)
-_STEP, _FEWEST, _MOST = 0.6, 3, 8
-"""Metres that the pelvis goes from one pose that is drawn to the next, and how few and many poses are drawn."""
+_LONG = 28
+"""Letters of a goal's name beside a moment."""
 _NEAR, _FAR = 0.4, 0.6
 """Metres of clearance, and of distance on a slice, at the ends of their scales."""
 _CLEARANCE, _DISTANCE = "clearance (m)", "distance (m)"
@@ -46,6 +50,8 @@ class Picture:
         objective: whose goals are marked beside a motion, or None.
         title: a line at the top.
         body: the volume of the person.
+        reports: how well each goal of the objective is met, or nothing.
+        verdict: on the body, or None.
     """
 
     scene: Scene
@@ -54,6 +60,8 @@ class Picture:
     objective: Objective | None = None
     title: str = ""
     body: ProxyBody = field(default=DEFAULT_BODY)
+    reports: Sequence[TermReport] = ()
+    verdict: Verdict | None = None
 
     def draw(
         self,
@@ -74,33 +82,23 @@ class Picture:
             show_signs: where it is uncertain whether space is free, and the holes in meshes.
             size: pixels.
         """
-        stage, poses = open_stage(size), self.moments(at)
-        self.set_stage(stage, poses, poses, show_signs)
-        self.draw_moving(stage, [self.time(frame) for frame in poses] or [0.0])
-        if poses:
-            self._draw_people(stage, poses, clearance)
-        if show_slice:
-            self.draw_slice(stage, self.hip_height, 0.0 if at is None else at)
-        write(stage, png)
+        write(compose(self, self.moments(at), size, Extras(show_slice, clearance, show_signs)), png)
 
-    def set_stage(self, stage: Plotter, poses: list[int], shown: list[int], show_signs: bool) -> None:
-        """Camera, light, the scene at rest, goals, the title and the evidence of signs.
+    def set_stage(self, stage: Plotter, camera: Camera, shown: Sequence[int], show_signs: bool) -> None:
+        """Camera, light, the scene at rest, goals and the evidence of signs.
 
         Args:
             stage: to draw on.
-            poses: frames that shall be in the picture.
-            shown: those of them that nothing may cover.
+            camera: where to look from.
+            shown: frames at which nothing may cover the person.
             show_signs: where it is uncertain whether space is free; the scene is looked through then.
         """
-        camera = self._look(poses, stage.window_size[0] / stage.window_size[1])
         look_from(stage, camera)
-        probes = np.concatenate([self.joints(frame) for frame in shown]) if shown else np.zeros((0, 3))
-        self.room.draw(stage, camera, probes, GLASS if show_signs else 1.0)
+        self.room.draw(stage, camera, [self.surface(frame) for frame in shown], GLASS if show_signs else 1.0)
         if self.path is not None:
             draw_line(stage, self.path + np.array([0.0, LIFT, 0.0]), WAY, 0.015)
-        draw_marks(stage, self.marks, self.ground)
-        if self.title:
-            stage.add_text(self.title, position=(0.015, 0.945), viewport=True, font_size=12, color=INK)
+        for goal in self.goals:
+            draw_marks(stage, goal.marks, self.ground, goal.met)
         if show_signs:
             draw_evidence(stage, self.scene)
 
@@ -112,12 +110,17 @@ class Picture:
     # ---- what is shown when -----------------------------------------------------------------------------------
 
     @cached_property
-    def marks(self) -> list[Mark]:
-        """What there is to see of the goals."""
+    def goals(self) -> list[Seen]:
+        """What there is to see of the goals that count."""
         if self.motion is None or self.objective is None:
             return []
-        context = Context(self.scene, self.body)
-        return [mark for term in self.objective.counted for mark in term.marks(self.motion, context)]
+        context, reports = Context(self.scene, self.body), {report.name: report for report in self.reports}
+        return [seen(term, self.motion, context, reports.get(term.name)) for term in self.objective.counted]
+
+    @property
+    def marks(self) -> list[Mark]:
+        """Those of all goals."""
+        return [mark for goal in self.goals for mark in goal.marks]
 
     @cached_property
     def room(self) -> Room:
@@ -125,16 +128,17 @@ class Picture:
         heads = -np.inf if self.motion is None else float(self.motion.joint("head")[..., 1].max()) + 0.25
         return Room(self.scene, heads)
 
-    def moments(self, at: float | None) -> list[int]:
-        """Frames that are drawn: the one at a time (s), or several over the motion."""
+    def moments(self, at: float | None) -> list[Moment]:
+        """What is drawn: the moment at a time (s), or several over the motion."""
         if self.motion is None:
             return []
-        if at is not None:
-            return [self.motion.frame_at(at)]
-        last = int(self.motion.valid.sum()) - 1
-        way = self.motion.joint("pelvis")[: last + 1, [0, 2]].diff(dim=0).norm(dim=-1).sum()
-        count = int(np.clip(round(float(way) / _STEP) + 1, _FEWEST, _MOST))
-        return [round(k * last / (count - 1)) for k in range(count)] if last > 0 else [0]
+        return moments_of(self.motion, self.goals, self.verdict) if at is None else [Moment(self.motion.frame_at(at))]
+
+    def told(self, moment: Moment, but: Container[str] = ()) -> str:
+        """The time of a moment, and what it is about except for some names."""
+        about = [plain(name) for name in moment.about if name not in but]
+        lines = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in about[:2]]
+        return "\n".join([f"{self.time(moment.frame):.1f} s", *lines])
 
     @property
     def hip_height(self) -> float:
@@ -168,52 +172,78 @@ class Picture:
         joints: np.ndarray = self.motion.joints[frame].detach().cpu().double().numpy()
         return joints
 
-    def _look(self, poses: list[int], aspect: float) -> Camera:
-        """A camera for the motion, or for the whole scene where there is none."""
-        sight = self.room.sight(self.time(poses[-1]) if poses else 0.0)  # when what moves is drawn solid
-        if not poses:
+    @property
+    def end(self) -> float:
+        """The time (s) of the last frame."""
+        return 0.0 if self.motion is None else self.time(int(self.motion.valid.sum()) - 1)
+
+    def surface(self, frame: int) -> np.ndarray:
+        """Samples of the body at a frame, ``[M, 3]`` m."""
+        return self._samples[frame]
+
+    @cached_property
+    def _samples(self) -> np.ndarray:
+        assert self.motion is not None
+        samples: np.ndarray = self.body.points(self.motion)[0].detach().cpu().double().numpy()
+        return samples
+
+    def points(self, moments: Sequence[Moment]) -> np.ndarray:
+        """What shall be in a picture of some moments, ``[n, 3]`` m: people, their way and goals; or the whole scene."""
+        if not moments:
             low, high = self.scene.bounds
             high = np.array([high[0], min(high[1], low[1] + 2.2), high[2]])
             points = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
-            points = np.concatenate([points, points.mean(axis=0) + np.zeros((40, 3))])
-            return choose(points, sight, np.zeros(2), aspect)
-        wanted = [self.joints(frame) for frame in poses]
-        way = wanted[-1][0] - wanted[0][0]
-        length = float(np.hypot(way[0], way[2]))
-        along = way[[0, 2]] / length if length > 0.5 else np.zeros(2)
+            return np.concatenate([points, points.mean(axis=0) + np.zeros((40, 3))])
+        wanted = [self.joints(moment.frame) for moment in moments]
         if self.path is not None:
             wanted.append(self.path[::10])
         spots = [mark for mark in self.marks if mark.role == "goal" and mark.shape in ("ball", "ring")]
-        wanted += [places(mark, self.ground) for mark in spots]
-        points = np.concatenate(wanted)
-        return choose(points[np.isfinite(points).all(axis=1)], sight, along, aspect)
+        points = np.concatenate([*wanted, *(places(mark, self.ground) for mark in spots)])
+        return points[np.isfinite(points).all(axis=1)]
+
+    def look(self, moments: Sequence[Moment], aspect: float) -> Camera:
+        """A camera for some moments, or for the whole scene where there are none."""
+        sight = self.room.sight(self.time(moments[-1].frame) if moments else 0.0)  # when what moves is drawn solid
+        figures = [self.joints(moment.frame) for moment in moments]
+        way = figures[-1][0] - figures[0][0] if figures else np.zeros(3)
+        length = float(np.hypot(way[0], way[2]))
+        along = way[[0, 2]] / length if length > APART else np.zeros(2)
+        return choose(self.points(moments), sight, along, aspect, figures=figures)
 
     # ---- the parts of a picture -------------------------------------------------------------------------------
 
-    def _draw_people(self, stage: Plotter, poses: list[int], clearance: bool) -> None:
-        """Bodies from pale (early) to strong (late), their shadows, the pelvis's way and the times."""
+    def draw_people(self, stage: Plotter, frames: Sequence[int], clearance: bool) -> None:
+        """Bodies from pale (early) to strong (late), their shadows and the pelvis's way."""
         assert self.motion is not None
-        self._draw_shadow(stage, poses)
-        for frame, share in zip(poses, shares(len(poses)), strict=True):
-            self.draw_body(stage, frame, clearance, (1 - share) * _PALE + share * _STRONG)
-        if len(poses) > 1:
-            draw_line(stage, self.motion.joint("pelvis")[: poses[-1] + 1].double().numpy(), _TRAIL, 0.008)
-        head = self.motion.skeleton.index("head")
-        stage.add_point_labels(
-            np.array([self.joints(frame)[head] + [0.0, 0.24, 0.0] for frame in poses]),
-            [f"{self.time(frame):.1f} s" for frame in poses],
-            bold=False, font_size=18, text_color=INK, shape=None, show_points=False, always_visible=True,
-        )  # fmt: skip
+        self._draw_shadow(stage, frames)
+        for k, frame in enumerate(frames):
+            self.draw_body(stage, frame, clearance, _STRONG if len(frames) == 1 else self.colour(frame), f"person {k}")
+        if len(frames) > 1:
+            draw_line(stage, self.motion.joint("pelvis")[: frames[-1] + 1].double().numpy(), _TRAIL, 0.008)
+
+    def colour(self, frame: int) -> np.ndarray:
+        """Of a person at a frame, sRGB 0 to 255: pale at first and strong at last."""
+        share = self.time(frame) / self.end if self.end > 0 else 1.0
+        mixed: np.ndarray = (1 - share) * _PALE + share * _STRONG
+        return mixed
 
     def draw_body(
-        self, stage: Plotter, frame: int, clearance: bool, colour: np.ndarray = _STRONG, name: str | None = None
+        self,
+        stage: Plotter,
+        frame: int,
+        clearance: bool,
+        colour: np.ndarray = _STRONG,
+        name: str | None = None,
+        place: np.ndarray | None = None,
     ) -> None:
-        """The body at a frame in a colour (sRGB 0 to 255), or coloured by its distance to the scene."""
+        """The body at a frame, moved by `place`, in a colour (sRGB 0 to 255) or by its distance to the scene."""
         hull = body_hull(self.body, self.joints(frame))
         look = {"color": colour.astype(int).tolist()}
         if clearance:
             hull.point_data[_CLEARANCE] = self.clearances(hull.points, frame)
             look = scaled(_CLEARANCE, "RdYlGn", (0.0, _NEAR), 0.7)
+        if place is not None:
+            hull.transform(place, transform_all_input_vectors=True, inplace=True)
         stage.add_mesh(hull, name=name, ambient=0.3, diffuse=0.72, specular=0.12, **ROUND, **look)
 
     def clearances(self, points: np.ndarray, frame: int) -> np.ndarray:
@@ -224,14 +254,12 @@ class Picture:
             distance: np.ndarray = self.scene.distance(torch.as_tensor(np.array(points)).float(), time).numpy()
         return distance
 
-    def _draw_shadow(self, stage: Plotter, poses: list[int]) -> None:
+    def _draw_shadow(self, stage: Plotter, poses: Sequence[int]) -> None:
         from pyvista import StructuredGrid
 
-        assert self.motion is not None
-        samples, radii = self.body.points(self.motion)
-        bodies, strengths = [samples[f].double().numpy() for f in poses], [0.22 + 0.28 * s for s in shares(len(poses))]
+        bodies, strengths = [self.surface(frame) for frame in poses], [0.22 + 0.28 * s for s in shares(len(poses))]
         over = [body - [0.0, self.ground(body[:1])[0], 0.0] for body in bodies]
-        x, z, dark = soft_shadow(over, radii.numpy(), strengths)
+        x, z, dark = soft_shadow(over, self.body.radii().numpy(), strengths)
         flat = np.stack(np.broadcast_arrays(x[:, None], 0.0, z), axis=-1)
         grid = StructuredGrid(flat[..., 0], self.ground(flat.reshape(-1, 3)).reshape(dark.shape) + 0.012, flat[..., 2])
         shade = np.full((dark.size, 4), 30, dtype=np.uint8)

@@ -8,7 +8,7 @@ import numpy as np
 
 from scenectl.view.camera import Sight, choose, look_from
 from scenectl.view.shapes import CLAY, capsules, facets
-from scenectl.view.stage import MATT, ROUND, SIZE, open_stage, write
+from scenectl.view.stage import MATT, ROUND, SIZE, open_stage, shot, write
 from scenes.body.proxies import Proxies
 from scenes.body.rig import Rig
 
@@ -33,4 +33,4 @@ def draw_proxies(rig: Rig, proxies: Proxies, png: str | Path) -> None:
         thick = _OUTSIDE * max(float(radius), 1e-3 * extent)
         glass = capsules(a[None], b[None], np.full((1, 2), thick))
         stage.add_mesh(glass, color=colours[link], opacity=0.35, ambient=0.3, specular=0.2, **ROUND)
-    write(stage, png)
+    write(shot(stage), png)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 CLAY = (216, 211, 203)
 """Colour of meshes that bring none."""
+_SIDE, _PIXELS = 2048, 8192**2
+"""Pixels of a side to which textures are shrunk, for a face has one colour; and of a whole one, beyond which it is not
+decoded: the colour of the material is drawn then."""
 _CELL, _BLUR = 0.02, 0.12
 """Metres from one sample of a shadow to the next, and by which it fades on both sides of its edge."""
 
@@ -117,8 +121,11 @@ def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarr
     import trimesh
 
     try:
-        parts = [part for part in trimesh.load_scene(path, process=False).dump() if isinstance(part, trimesh.Trimesh)]
-        parts = [part for part in parts if len(part.faces)]
+        with warnings.catch_warnings(action="ignore"):  # of Pillow, about pictures that are not decoded
+            scene = trimesh.load_scene(path, process=False)
+        for part in scene.geometry.values():
+            _without_large(getattr(part.visual, "material", None))
+        parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
         centres = in_metres(np.concatenate([part.triangles_center for part in parts]), mesh.unit, mesh.up)
         colours = np.concatenate([_colours_of(part) for part in parts])
     except Exception:  # colours are decoration: a file whose materials cannot be read is drawn in clay
@@ -130,6 +137,22 @@ def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarr
     from scipy.spatial import cKDTree
 
     return np.asarray(colours[cKDTree(centres).query(wanted)[1]])
+
+
+def _without_large(material: Any) -> None:
+    """Make a material's picture small, before anything decodes or copies it whole, and drop those of no colour."""
+    for name in ("normalTexture", "emissiveTexture", "occlusionTexture", "metallicRoughnessTexture"):
+        if hasattr(material, name):
+            setattr(material, name, None)
+    for name in ("baseColorTexture", "image"):
+        picture = getattr(material, name, None)
+        if picture is None:
+            continue
+        if picture.size[0] * picture.size[1] > _PIXELS:
+            setattr(material, name, None)
+            continue
+        picture.draft("RGB", (_SIDE, _SIDE))  # a JPEG is decoded at a fraction of its size
+        picture.thumbnail((_SIDE, _SIDE))
 
 
 def _colours_of(part: Any) -> np.ndarray:

@@ -8,10 +8,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from scenes.errors import UserError
 from scenes.files import atomic_write
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
     from pyvista import Plotter
 
 SIZE = (1600, 1000)
@@ -98,11 +101,23 @@ def scaled(title: str, colours: str, limits: tuple[float, float], across: float)
     return {"scalars": title, "scalar_bar_args": legend, **look}
 
 
-def write(stage: Plotter, png: str | Path) -> None:
-    """What a stage shows as a PNG file, written whole or not at all; closes the stage."""
+def shot(stage: Plotter) -> np.ndarray:
+    """What a stage shows, ``[h, w, 3]`` sRGB; closes the stage."""
+    image = np.asarray(stage.screenshot(return_img=True))
+    stage.close()
+    return image
+
+
+def write(image: Image | np.ndarray, png: str | Path) -> None:
+    """An image, or its ``[h, w, 3]`` sRGB values, as a PNG file, written whole or not at all."""
     from PIL import Image
 
-    image = stage.screenshot(return_img=True)
-    stage.close()
+    whole = Image.fromarray(image) if isinstance(image, np.ndarray) else image
     with atomic_write(png) as file:
-        Image.fromarray(image).save(file, format="PNG", compress_level=_COMPRESSION)
+        whole.save(file, format="PNG", compress_level=_COMPRESSION)
+
+
+def say(stage: Plotter, text: str, position: tuple[float, float], height: int) -> None:
+    """Write on a stage at a place (shares of its width and height); none of the text is markup."""
+    words = text.replace("$", "\\$")  # VTK would hand what is between two of them to matplotlib as a formula
+    stage.add_text(words, position=position, viewport=True, font_size=height, color=INK)

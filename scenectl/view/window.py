@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scenectl.view.labels import plain
 from scenectl.view.picture import Picture
-from scenectl.view.stage import INK, Look, open_stage
+from scenectl.view.stage import Look, open_stage, say
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -32,8 +33,11 @@ class Window:
         """Fill a stage with what the window shows, its sliders and keys."""
         self.picture, self.stage = picture, stage
         self.frame, self.clearance, self.slice, self.height = 0, False, show_slice, picture.hip_height
-        poses = picture.moments(None)
-        picture.set_stage(stage, poses, poses[:1], show_signs)
+        moments = picture.moments(None)
+        camera = picture.look(moments, stage.window_size[0] / stage.window_size[1])
+        picture.set_stage(stage, camera, [moment.frame for moment in moments[:1]], show_signs)
+        if picture.title:
+            say(stage, plain(picture.title), (0.015, 0.945), 12)
         if (motion := picture.motion) is not None:
             span, start = (motion.t0, float(motion.times[-1])), motion.t0
             stage.add_slider_widget(self.at, rng=span, value=start, title="time (s)", **_between(0.35, 0.95))
@@ -43,7 +47,7 @@ class Window:
         stage.add_key_event("s", self.toggle_slice)
         span, start = (picture.level, picture.level + 2.0), self.height
         stage.add_slider_widget(self.at_height, rng=span, value=start, title="slice (m)", **_between(0.03, 0.25))
-        stage.add_text(_HELP, position=(0.005, 0.005), viewport=True, font_size=9, color=INK)
+        say(stage, _HELP, (0.005, 0.005), 9)
         self.redraw()
 
     def at(self, seconds: float) -> None:
