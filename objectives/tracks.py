@@ -17,20 +17,22 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from torch import Tensor
 
 from objectives.parameters import File, Point, Positive
 from scenes.errors import UserError
+from scenes.files import readable
 from scenes.motion.frames import Place
+from scenes.tables import Table
 
 Span = tuple[float, float]
 
 
-class TrackBase(BaseModel):
+class TrackBase(Table):
     """What every track can do."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+    model_config = ConfigDict(arbitrary_types_allowed=True)
 
     @property
     def span(self) -> Span:
@@ -243,8 +245,7 @@ class ArrayTrack(TrackBase):
 
 
 def _read(path: Path, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-    if not path.is_file():
-        raise UserError(f"track file '{path}' does not exist")
+    readable(path, "track file")
     try:
         loaded = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from scenes.errors import did_you_mean
+from scenes.errors import did_you_mean, shown
 
 
 def sentence(error: ValidationError, data: Any, root: Any, hidden: Collection[str] = ()) -> str:
@@ -42,7 +42,7 @@ def sentence(error: ValidationError, data: Any, root: Any, hidden: Collection[st
     if not place.name:
         return f"{message}, not {shown(worst['input'])}"
     message = "a number is missing" if kind == "missing" else message
-    return f"'{place.name}' is {place.given!r}: {message}"
+    return f"'{place.name}' is {shown(place.given)}: {message}"
 
 
 def deepest(error: ValidationError) -> ErrorDetails:
@@ -53,12 +53,6 @@ def deepest(error: ValidationError) -> ErrorDetails:
     """
     found = error.errors(include_url=False)
     return max(found, key=lambda e: (e["type"] == "value_error", e["type"] == "extra_forbidden", len(e["loc"])))
-
-
-def shown(value: Any) -> str:
-    """A value as Python writes it, cut short."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _inside(table: str) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError
+from scenes.files import readable
 from scenes.mesh.content import distinct, placed, told
 from scenes.mesh.gltf import Gltf, numbered
 from scenes.motion.frames import rigid, transform
@@ -31,9 +32,7 @@ def read_rig(path: str | Path) -> Rig:
         UserError: no such file; one that `scenes.mesh.gltf.read_gltf` refuses; no skin, or several without a common
             joint; no triangles; nodes in a ring; weights that are missing, NaN or name no joint.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise UserError(f"character file '{path}' does not exist")
+    path = readable(path, "character file")
     with told(f"character file '{path}'", "glTF"):
         return _rig(path, _Skinned.read(path))
 

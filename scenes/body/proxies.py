@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -21,7 +20,7 @@ from scenes.body.capsules import SAMPLES, FittedCapsule, fit_capsule, inner_volu
 from scenes.body.fit import fit_body
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError
-from scenes.files import write_json
+from scenes.files import read_json, write_json
 from scenes.mesh.content import used
 from scenes.motion.skeleton import HUMANML3D
 from scenes.sdf.field import DistanceField
@@ -150,12 +149,7 @@ class Proxies:
     @classmethod
     def load(cls, path: str | Path) -> Proxies:
         """Read what `save` wrote; raises UserError naming the file for anything else."""
-        try:
-            table = json.loads(Path(path).read_text(encoding="utf-8"))
-        except FileNotFoundError as error:
-            raise UserError(f"body file '{path}' does not exist") from error
-        except (OSError, ValueError, RecursionError) as error:
-            raise UserError(f"body file '{path}' is not JSON; write it with scenectl body FILE --json") from error
+        table = read_json(path, "body file", "write it with scenectl body FILE --json")
         if not isinstance(table, dict) or table.pop("format", None) != _FORMAT:
             raise UserError(f"body file '{path}' is not of the format '{_FORMAT}'; write it with scenectl body --json")
         try:

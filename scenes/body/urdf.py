@@ -14,6 +14,7 @@ import numpy as np
 from scenes.body.capsules import sample_surface
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError, did_you_mean
+from scenes.files import MOST_TEXT, readable
 from scenes.mesh.collada import read_collada
 from scenes.mesh.content import joined
 from scenes.mesh.mesh import Mesh
@@ -45,9 +46,7 @@ def read_urdf(path: str | Path) -> Rig:
             that name unknown links, give one two parents or go round in a ring; numbers that cannot be read; a mesh
             file that is missing or cannot be read; no shapes.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise UserError(f"robot file '{path}' does not exist")
+    path = readable(path, "robot file", MOST_TEXT)
     try:
         return _rig(path)
     except UserError as error:

@@ -19,6 +19,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from scenes.errors import UserError
+from scenes.files import unreadable
 from scenes.mesh.content import Content, Piece, distinct, joined, placed
 from scenes.motion.frames import rotations
 from scenes.motion.skeleton import tree_order
@@ -326,6 +327,8 @@ class Gltf:
                 f"names the buffer '{unquote(uri)}', which is not in '{self.path.parent}'; "
                 "copy it there, or export a GLB"
             )
+        if fault := unreadable(found):
+            raise UserError(f"names the buffer '{unquote(uri)}', which {fault}")
         return found.read_bytes()
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
+from scenes.files import readable
 from scenes.mesh.content import Content, distinct, joined
 from scenes.mesh.reading import FORMATS, read_content
 from scenes.mesh.scale import TO_Y_UP, UNITS, check_extent, doubts, in_metres
@@ -145,10 +146,7 @@ def hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
 
 def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[str | None, str | None]]:
     """Everything in the file, placed, in its own unit and axes; and these, None where neither user nor file says."""
-    if path.is_dir():
-        raise UserError(f"mesh file '{path}' is a folder; give a file in it")
-    if not path.is_file():
-        raise UserError(f"mesh file '{path}' does not exist")
+    readable(path, "mesh file")
     ending = path.suffix.lower().removeprefix(".")
     if ending not in FORMATS:
         raise UserError(f"mesh file '{path}' has the unknown format '{ending}'{did_you_mean(ending, FORMATS)}")

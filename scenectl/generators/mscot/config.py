@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from scenes.tables import Table
 
 BASE_SCALES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16)
 """Tokens at each scale for 64 frames (MSCoT, appendix B.2)."""
 
 
-class TokenizerConfig(BaseModel):
+class TokenizerConfig(Table):
     """Multi-scale VQ-VAE.
 
     Attributes:
@@ -25,8 +25,6 @@ class TokenizerConfig(BaseModel):
         down: how residuals are brought to a coarser scale.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     width: int = 512
     depth: int = 3
     dilation_growth: int = 3
@@ -39,7 +37,7 @@ class TokenizerConfig(BaseModel):
     down: Literal["linear", "area"] = "linear"
 
 
-class TransformerConfig(BaseModel):
+class TransformerConfig(Table):
     """Scale-wise transformer.
 
     Attributes:
@@ -49,8 +47,6 @@ class TransformerConfig(BaseModel):
         prefix: what a scale sees of the one before: its codes alone (the paper), or the sum of all scales so far.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     width: int = 384
     layers: int = 6
     heads: int = 6
@@ -59,7 +55,7 @@ class TransformerConfig(BaseModel):
     prefix: Literal["previous", "cumulative"] = "previous"
 
 
-class RefinerConfig(BaseModel):
+class RefinerConfig(Table):
     """Token refiner: a small network over the tokens of one scale.
 
     Attributes:
@@ -67,18 +63,14 @@ class RefinerConfig(BaseModel):
         kind: a transformer encoder, or a perceptron that looks at every token alone (Table 14).
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     width: int = 256
     layers: int = 2
     heads: int = 4
     kind: Literal["transformer", "mlp"] = "transformer"
 
 
-class ModelConfig(BaseModel):
+class ModelConfig(Table):
     """All three networks and the text encoder they were trained with."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str
     text: str = "minilm"

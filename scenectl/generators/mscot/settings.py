@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from scenectl.data.features import FPS
 from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
 from scenectl.generators.spec import Spec
+from scenes.tables import Table
 
 SPEC = Spec(
     fps=FPS,
@@ -17,7 +18,7 @@ SPEC = Spec(
 )
 
 
-class Sampling(BaseModel):
+class Sampling(Table):
     """How tokens are drawn.
 
     Attributes:
@@ -31,8 +32,6 @@ class Sampling(BaseModel):
             they are.
         clip_coarsest: share of that spread for the coarsest scale of the first sample.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     cfg: float = Field(default=2.0, ge=0)
     temperature: float = Field(default=0.7, gt=0)
