@@ -40,7 +40,7 @@ def unreadable(path: str | Path, most: int = MOST_BYTES) -> str:
     except (OSError, ValueError) as error:  # out of reach, a ring of links, a name too long or with a zero byte
         return f"cannot be read ({_reason(error)})"
     if (kind := stat.S_IFMT(facts.st_mode)) != stat.S_IFREG:
-        return f"is a {_KINDS.get(kind, 'device')} and cannot be read; give a file" + " in it" * (kind == stat.S_IFDIR)
+        return f"is a {_KINDS.get(kind, 'device')}; give a file" + " in it" * (kind == stat.S_IFDIR)
     if facts.st_size > most:
         return f"has {facts.st_size / 1e6:.0f} MB, and at most {most / 1e6:.0f} are read; give a smaller file"
     return ""

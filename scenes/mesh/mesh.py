@@ -16,6 +16,7 @@ from scenes.mesh.content import Content, distinct, joined
 from scenes.mesh.reading import FORMATS, read_content
 from scenes.mesh.scale import TO_Y_UP, UNITS, check_extent, doubts, in_metres
 from scenes.mesh.stray import without_strays
+from scenes.numbers import MOST
 
 _UNIT_WORDS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
@@ -72,9 +73,14 @@ class Mesh:
         bad = 0 if np.isfinite(corners).all() else int((~np.isfinite(corners)).any(axis=1).sum())
         if bad:
             raise UserError(f"mesh '{self.name}' has {bad} vertices with NaN or infinite coordinates; repair it first")
+        bounds = np.stack([corners.min(axis=0), corners.max(axis=0)])
+        if (far := float(np.abs(bounds).max())) > MOST:
+            raise UserError(
+                f"mesh '{self.name}' has coordinates of {far:.1e} m, and at most {MOST:.0e} are read; move it"
+            )
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "bounds", np.stack([corners.min(axis=0), corners.max(axis=0)]))
+        object.__setattr__(self, "bounds", bounds)
         if not self.digest:
             state = hashlib.sha256(vertices.data)
             state.update(faces.data)
