@@ -17,7 +17,7 @@ from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place
 from scenes.motion.motion import Motion, Pose2D
 from scenes.world.floor.levels import STEP
-from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.planning import FreeArea, coarse, free_area
 from scenes.world.floor.polyline import climbs, walked
 from scenes.world.scene import Scene
 
@@ -64,16 +64,19 @@ class Setup:
     @property
     def doubts(self) -> tuple[str, ...]:
         """The scene's, and what is unusual about the walk, one sentence each."""
-        taken = np.zeros(0) if self.path is None else climbs(self.path, STEP)
-        if not len(taken):
+        if self.path is None:
             return self.scene.doubts
+        known = (*self.scene.doubts, *filter(None, [coarse(self.scene)]))
+        taken = climbs(self.path, STEP)
+        if not len(taken):
+            return known
         ways = ((taken[taken > 0], "up"), (taken[taken < 0], "down"))
         told = (
             f"{len(some)} step{'s' if len(some) > 1 else ''} {way} of up to {np.abs(some).max():.2f} m"
             for some, way in ways
             if len(some)
         )
-        return (*self.scene.doubts, f"the walk takes {' and '.join(told)}, as no level way exists")
+        return (*known, f"the walk takes {' and '.join(told)}, as no level way exists")
 
 
 def plan(
