@@ -95,8 +95,9 @@ def _parsed(text: str, path: str | Path, what: str, language: str, parse: Callab
     raise UserError(f"{what} '{path}' is not {language} ({fault})")
 
 
-def _reason(error: OSError | ValueError) -> str:
-    return str(getattr(error, "strerror", None) or error).lower()
+def _reason(error: Exception) -> str:
+    """What an exception says, as part of a sentence."""
+    return clipped(" ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split()), 120)
 
 
 @contextmanager
@@ -160,7 +161,9 @@ def read_arrays(path: str | Path, what: str, build: Callable[[Any], T], remedy: 
         with np.load(path, allow_pickle=False) as data:
             return build(data)
     except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); {remedy}") from error
+        raise UserError(
+            f"{what} '{path}' was not written by scenectl or is damaged ({_reason(error)}); {remedy}"
+        ) from error
 
 
 def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarray:
@@ -180,7 +183,7 @@ def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarra
     except UserError as error:
         raise UserError(f"{error}; {hint}") from error
     except (OSError, ValueError, EOFError) as error:
-        raise UserError(f"{what} '{path}' is not a NumPy array ({error}); {hint}") from error
+        raise UserError(f"{what} '{path}' is not a NumPy array ({_reason(error)}); {hint}") from error
     if not isinstance(array, np.ndarray) or array.dtype.kind != "f" or array.ndim != len(layout.split(",")):
         raise UserError(f"{what} '{path}' is not an array of {layout} floats; {hint}")
     if not np.isfinite(array).all():

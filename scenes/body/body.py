@@ -106,7 +106,7 @@ class ProxyBody:
         ends = [(s.joint, s.joint if s.base == -1 else s.base) for s in self.spheres]
         if not all(a in joints and b in joints for a, b in (*ends, *((c.a, c.b) for c in self.capsules))):
             raise UserError(f"a body has spheres or capsules on joints beyond its {len(joints)}")
-        sizes = [part.radius for part in (*self.spheres, *self.capsules)]
+        sizes = [*(sphere.radius for sphere in self.spheres), *(capsule.radius for capsule in self.capsules)]
         if not sizes or not all(THINNEST <= size <= THICKEST for size in sizes):
             raise UserError(f"a body has radii from {THINNEST:g} to {THICKEST:g} m, not {shown(sizes)}")
         if not all(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -154,8 +154,9 @@ class Proxies:
         table = read_json(path, "body file", "write it with scenectl body FILE --json")
         if not isinstance(table, dict) or table.pop("format", None) != _FORMAT:
             raise UserError(f"body file '{path}' is not of the format '{_FORMAT}'; write it with scenectl body --json")
+        kind: Any = Annotated[cls, Strict()]
         try:
-            found: Proxies = TypeAdapter(Annotated[cls, Strict()]).validate_python(table)
+            found: Proxies = TypeAdapter(kind).validate_python(table)
         except UserError as error:  # of the body in it
             raise UserError(f"body file '{path}' is damaged: {error}; write it anew") from error
         except ValidationError as error:

@@ -166,7 +166,8 @@ def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[
 def _mesh(name: str, path: Path, shape: tuple[np.ndarray, np.ndarray], unit: str | None, up: str | None) -> Mesh:
     """The mesh that was read, in metres and y up, without its stray triangles."""
     unit, up = unit or "m", up or "y"
-    vertices, faces, strays = without_strays(in_metres(shape[0], unit, up), shape[1], name)
+    with np.errstate(all="ignore"):  # what is not finite, or huge, is told by the mesh
+        vertices, faces, strays = without_strays(in_metres(shape[0], unit, up), shape[1], name)
     return Mesh(vertices, faces, name, str(path), unit, up, doubts=strays)
 
 

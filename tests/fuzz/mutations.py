@@ -82,23 +82,25 @@ def places(table: Any) -> list[tuple[Any, Any]]:
 def table(rng: Random, original: Any, most: int = 3) -> Any:
     """A copy of a table with some of its values changed, exchanged, removed, repeated, or given another key."""
     changed = json.loads(json.dumps(original))
-    for _ in range(rng.randint(1, most)):
+    for _ in range(rng.choice((1, 1, most))):
         spots = places(changed)
         if not spots:
             break
         holder, key = rng.choice(spots)
         other, there = rng.choice(spots)
-        way = rng.randrange(9)
-        if way <= 3:
-            numbers = isinstance(holder[key], int | float) and rng.random() < 0.7
+        way = rng.randrange(12)
+        if way <= 6:
+            spots = [(h, k) for h, k in spots if type(h[k]) in (int, float)] or spots
+            holder, key = rng.choice(spots) if way > 2 else (holder, key)
+            numbers = isinstance(holder[key], int | float) and rng.random() < 0.8
             holder[key] = rng.choice(NUMBERS) if numbers else value(rng)
-        elif way == 4:
+        elif way == 7:
             del holder[key]
-        elif way == 5 and isinstance(holder, dict):
+        elif way == 8 and isinstance(holder, dict):
             holder[rng.choice((*KEYS, *(str(k) for _, k in spots)))] = holder.pop(key)
-        elif way == 6 and isinstance(holder, dict):
+        elif way == 9 and isinstance(holder, dict):
             holder[rng.choice((*KEYS, *(str(k) for _, k in spots)))] = value(rng)
-        elif way == 7 and isinstance(holder[key], list):
+        elif way == 10 and isinstance(holder[key], list):
             holder[key] = holder[key] * rng.choice((0, 2, 3, 40))
         else:
             holder[key] = json.loads(json.dumps(other[there], default=str))

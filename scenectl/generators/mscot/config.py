@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Literal
 
-from scenes.tables import Table
+from pydantic import BaseModel, ConfigDict
 
 BASE_SCALES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16)
 """Tokens at each scale for 64 frames (MSCoT, appendix B.2)."""
 
 
-class TokenizerConfig(Table):
+class TokenizerConfig(BaseModel):
     """Multi-scale VQ-VAE.
 
     Attributes:
@@ -25,6 +25,8 @@ class TokenizerConfig(Table):
         down: how residuals are brought to a coarser scale.
     """
 
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
     width: int = 512
     depth: int = 3
     dilation_growth: int = 3
@@ -37,7 +39,7 @@ class TokenizerConfig(Table):
     down: Literal["linear", "area"] = "linear"
 
 
-class TransformerConfig(Table):
+class TransformerConfig(BaseModel):
     """Scale-wise transformer.
 
     Attributes:
@@ -47,6 +49,8 @@ class TransformerConfig(Table):
         prefix: what a scale sees of the one before: its codes alone (the paper), or the sum of all scales so far.
     """
 
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
     width: int = 384
     layers: int = 6
     heads: int = 6
@@ -55,7 +59,7 @@ class TransformerConfig(Table):
     prefix: Literal["previous", "cumulative"] = "previous"
 
 
-class RefinerConfig(Table):
+class RefinerConfig(BaseModel):
     """Token refiner: a small network over the tokens of one scale.
 
     Attributes:
@@ -63,14 +67,18 @@ class RefinerConfig(Table):
         kind: a transformer encoder, or a perceptron that looks at every token alone (Table 14).
     """
 
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
     width: int = 256
     layers: int = 2
     heads: int = 4
     kind: Literal["transformer", "mlp"] = "transformer"
 
 
-class ModelConfig(Table):
+class ModelConfig(BaseModel):
     """All three networks and the text encoder they were trained with."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str
     text: str = "minilm"
