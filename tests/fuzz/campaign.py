@@ -143,20 +143,17 @@ def campaign(seeds: range, workers: int = 2, keep: Path | None = None, tell: boo
 
     shares = [range(seeds.start + k, seeds.stop, workers) for k in range(workers)]
     with ThreadPoolExecutor(workers) as pool:
-        found = [finding for part in pool.map(lambda share: _watched(share, tell), shares) for finding in part]
+        found = [finding for part in pool.map(lambda share: watched(share, tell), shares) for finding in part]
     return [_kept(finding, keep) for finding in sorted(found, key=lambda f: f.seed)]
 
 
-def _watched(seeds: range, tell: bool) -> list[Finding]:
+def watched(seeds: range, tell: bool = False) -> list[Finding]:
     """Findings among some seeds, in one process after another: each goes on where the one before it ended."""
     found: list[Finding] = []
     at = seeds.start
     while at < seeds.stop:
         left = range(at, seeds.stop, seeds.step)
-        code = f"from tests.fuzz.campaign import work; work(range({left.start}, {left.stop}, {left.step}))"
-        process = subprocess.Popen(
-            [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        )
+        process = started(f"from tests.fuzz.campaign import work; work({left!r})")
         begun, done = at, at - seeds.step
         for line in _lines(process):
             told = json.loads(line)
@@ -176,6 +173,12 @@ def _watched(seeds: range, tell: bool) -> list[Finding]:
                 print(json.dumps(asdict(found[-1])), flush=True)
             at = begun + seeds.step
     return found
+
+
+def started(code: str) -> subprocess.Popen[str]:
+    """A process that runs some code and tells of it on its standard output."""
+    quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+    return subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, **quiet)  # type: ignore[call-overload]
 
 
 def _lines(process: subprocess.Popen[str]) -> Iterator[str]:

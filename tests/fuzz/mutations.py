@@ -119,13 +119,20 @@ def toml(value: Any, top: bool = True) -> str:
         case float():
             return repr(value) if math.isfinite(value) else {math.inf: "inf", -math.inf: "-inf"}.get(value, "nan")
         case str():
-            return json.dumps(value, ensure_ascii=True).replace("\\ud", "\\u0")
+            return _quoted(value)
         case list():
             return "[" + ", ".join(toml(item, False) for item in value) + "]"
         case dict():
             pairs = [f"{toml(str(key))} = {toml(item, False)}" for key, item in value.items()]
             return "\n".join(pairs) + "\n" if top else "{" + ", ".join(pairs) + "}"
     raise TypeError(type(value))
+
+
+def _quoted(text: str) -> str:
+    """A TOML string: as JSON has them, but no pairs of surrogates, and DEL escaped."""
+    plain = {"\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r", '"': '\\"', "\\": "\\\\"}
+    letters = (plain.get(c) or (c if " " <= c < "\x7f" else f"\\U{ord(c):08x}") for c in text)
+    return '"' + "".join(letters) + '"'
 
 
 def as_json(value: Any) -> bytes:

@@ -24,7 +24,7 @@ class Sampling(Table):
     Attributes:
         cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5). More follows rare words of
             a sentence better, such as "ducks", and makes feet slide.
-        temperature: of the softmax.
+        temperature: of the softmax; below a thousandth the likeliest token would be drawn every time.
         top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
             is kept; 1 keeps all.
         clip_nats: largest spread of a position's tilt between codes (nats) at the finest scale: an unclipped tilt can
@@ -34,7 +34,7 @@ class Sampling(Table):
     """
 
     cfg: float = Field(default=2.0, ge=0)
-    temperature: float = Field(default=0.7, gt=0)
-    top_p: float = Field(default=0.95, gt=0, le=1)
+    temperature: float = Field(default=0.7, ge=1e-3)
+    top_p: float = Field(default=0.95, ge=1e-6, le=1)
     clip_nats: float = Field(default=20.0, ge=0)
     clip_coarsest: float = Field(default=0.25, gt=0, le=1)
