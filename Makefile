@@ -6,7 +6,7 @@ PIP  = .venv/bin/pip --disable-pip-version-check -qq
 BIN  = .venv/bin
 INSTALLED = .venv/.installed
 
-.PHONY: help install demo test check format hooks train bench lines clean
+.PHONY: help install demo test fuzz check format hooks train bench lines clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -31,6 +31,9 @@ demo: install  ## a person walks through the living room; the picture is out/dem
 
 test: install  ## run the tests
 	@$(BIN)/python -m pytest
+
+fuzz: install  ## break files of every kind and read them (N=10000 of them, from seed FIRST=2000 on)
+	@$(BIN)/python -m tests.fuzz --number $(or $(N),10000) --first $(or $(FIRST),2000)
 
 check: install  ## lint, format and types
 	@$(BIN)/ruff check .

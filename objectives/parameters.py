@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError, model_validator
 from torch import Tensor
 
 from scenes.errors import UserError, shown
 from scenes.motion.frames import FAR, Place
+from scenes.tables import Strict, Table
 from scenes.validation import deepest, sentence
 
 WorldX = Annotated[float, "m, world x"]
@@ -40,7 +41,7 @@ class FloorPoint(NamedTuple):
     z: WorldZ
 
 
-class Region(BaseModel):
+class Region(Table):
     """A rectangle on the floor, metres: ``{x = [-1, 1], z = [0.5, 1.5]}``; an axis left out is unbounded.
 
     Attributes:
@@ -48,7 +49,6 @@ class Region(BaseModel):
         z: lowest and highest world z.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     x: tuple[WorldX, WorldX] = (-math.inf, math.inf)
     z: tuple[WorldZ, WorldZ] = (-math.inf, math.inf)
 
@@ -136,12 +136,9 @@ def parse(where: str, hint: Any, value: Any, folder: Path | None = None) -> Any:
     """Convert `value` to the annotated type; raises UserError with one sentence that starts with `where`."""
     value = _plain(value)
     try:
-        parsed = TypeAdapter(hint).validate_python(value, context={"folder": folder})
+        return TypeAdapter(Annotated[hint, Strict()]).validate_python(value, context={"folder": folder})
     except ValidationError as error:
         raise UserError(f"{where}{_sentence(error, hint, value)}") from error
-    if not _same_kind(value, parsed):
-        raise UserError(f"{where} must be {describe(hint)}, not {shown(value)}")
-    return parsed
 
 
 def _plain(value: Any) -> Any:
@@ -151,17 +148,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return value
-
-
-def _same_kind(given: Any, parsed: Any) -> bool:
-    """Reject what pydantic converts but a person did not mean: "1.5" or true for a number, nan, inf."""
-    if isinstance(parsed, float):
-        return isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(parsed)
-    if isinstance(parsed, BaseModel) and isinstance(given, Mapping):
-        return all(_same_kind(value, getattr(parsed, key)) for key, value in given.items())
-    if isinstance(parsed, list | tuple) and isinstance(given, list | tuple):
-        return all(_same_kind(g, p) for g, p in zip(given, parsed, strict=True))
-    return True
 
 
 _NAMED = (
@@ -209,7 +195,7 @@ def moved(hint: Any, value: Any, by: Place) -> Any:
         return value.moved(by)
     if isinstance(value, BaseModel):
         hints = {name: field.annotation for name, field in type(value).model_fields.items()}
-        return type(value)(**{name: moved(inner, getattr(value, name), by) for name, inner in hints.items()})
+        return value.model_copy(update={name: moved(hint, getattr(value, name), by) for name, hint in hints.items()})
     if isinstance(value, Point | FloorPoint):
         hints = get_type_hints(type(value), include_extras=True)
         return type(value)(*(moved(hints[name], number, by) for name, number in value._asdict().items()))

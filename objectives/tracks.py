@@ -17,20 +17,23 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 from torch import Tensor
 
 from objectives.parameters import File, Point, Positive
-from scenes.errors import UserError
+from scenes.errors import UserError, clipped
+from scenes.files import readable
 from scenes.motion.frames import Place
+from scenes.numbers import MOST
+from scenes.tables import Table
 
 Span = tuple[float, float]
 
 
-class TrackBase(BaseModel):
+class TrackBase(Table):
     """What every track can do."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+    model_config = ConfigDict(arbitrary_types_allowed=True)
 
     @property
     def span(self) -> Span:
@@ -246,8 +249,7 @@ class ArrayTrack(TrackBase):
 
 
 def _read(path: Path, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-    if not path.is_file():
-        raise UserError(f"track file '{path}' does not exist")
+    readable(path, "track file")
     try:
         loaded = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
@@ -258,17 +260,27 @@ def _read(path: Path, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray |
                 return loaded[key], loaded["mask"] if mask is None and "mask" in loaded.files else mask
             names = ", ".join(loaded.files) or "nothing"
     except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-        raise UserError(f"track file '{path}' is not an .npy or .npz file of numbers ({error})") from error
+        raise UserError(
+            f"track file '{path}' is not an .npy or .npz file of numbers ({clipped(str(error), 120)})"
+        ) from error
     raise UserError(f"track file '{path}' has no array 'positions' or 'joints', it holds {names}")
 
 
 def _samples(source: str, positions: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    numeric = np.issubdtype(positions.dtype, np.number)
-    if not numeric or positions.ndim not in (2, 3) or positions.shape[-1] != 3 or 0 in positions.shape:
+    if (
+        positions.dtype.kind not in "fiu"
+        or positions.ndim not in (2, 3)
+        or positions.shape[-1] != 3
+        or 0 in positions.shape
+    ):
         raise UserError(f"track {source} must hold numbers of shape [T, 3] or [T, n, 3], not {positions.shape}")
     points = positions.reshape(len(positions), -1, 3).astype(np.float64)
     stated = np.asarray(np.isfinite(points).all(axis=-1))
+    if (np.abs(points[stated]) > MOST).any():
+        raise UserError(f"track {source} has positions of over {MOST:.0e} m")
     if mask is not None:
+        if mask.dtype.kind not in "bfiu":
+            raise UserError(f"track {source} has a mask of the type {mask.dtype}; give true and false")
         if mask.shape not in (points.shape[:1], points.shape[:2]):
             raise UserError(f"track {source} has a mask of shape {mask.shape} for positions of shape {positions.shape}")
         stated = stated & mask.astype(bool).reshape(len(points), -1)

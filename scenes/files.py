@@ -1,4 +1,4 @@
-"""Files that are either whole or absent."""
+"""Files that are read whole, and files that are either written whole or absent."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import stat
 import tempfile
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,11 +16,89 @@ from typing import IO, Any, TypeVar
 import numpy as np
 
 from scenes.archive import load_npy, load_npz
-from scenes.errors import UserError
+from scenes.errors import UserError, clipped
 
 T = TypeVar("T")
 
+MOST_BYTES = 2**30
+"""Of a file that is read: a scan of ten million triangles in binary takes half of it. Larger ones are taken for a
+mistake, as their numbers alone would fill the memory."""
+MOST_TEXT = 2**24
+"""Bytes of a table that a person writes, 16 MB: a task of 100,000 waypoints takes a third of it."""
+
 _KINDS = {stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
+
+
+def unreadable(path: str | Path, most: int = MOST_BYTES) -> str:
+    """Why a path is no file that can be read whole, in words that follow its name; "" where it is one.
+
+    Folders, pipes and devices, which may never end, are none, nor is what is larger than `most` bytes.
+    """
+    try:
+        facts = Path(path).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return "does not exist"
+    except (OSError, ValueError) as error:  # out of reach, a ring of links, a name too long or with a zero byte
+        return f"cannot be read ({_reason(error)})"
+    if (kind := stat.S_IFMT(facts.st_mode)) != stat.S_IFREG:
+        return f"is a {_KINDS.get(kind, 'device')}; give a file" + " in it" * (kind == stat.S_IFDIR)
+    if facts.st_size > most:
+        return f"has {facts.st_size / 1e6:.0f} MB, and at most {most / 1e6:.0f} are read; give a smaller file"
+    return ""
+
+
+def readable(path: str | Path, what: str, most: int = MOST_BYTES) -> Path:
+    """The path of a file that can be read whole; raises UserError, naming it, where `unreadable` says why not."""
+    if fault := unreadable(path, most):
+        raise UserError(f"{what} '{clipped(str(path))}' {fault}")
+    return Path(path)
+
+
+def read_bytes(path: str | Path, what: str, most: int = MOST_BYTES) -> bytes:
+    """All of a file; errors as of `readable`."""
+    path = readable(path, what, most)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(f"{what} '{path}' cannot be read ({_reason(error)})") from error
+
+
+def read_text(path: str | Path, what: str, most: int = MOST_TEXT) -> str:
+    """A text file, without its byte order mark; raises UserError for what is not UTF-8."""
+    try:
+        return read_bytes(path, what, most).decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"{what} '{path}' cannot be read as UTF-8 text ({error.reason} at byte {error.start})"
+        ) from error
+
+
+def read_toml(path: str | Path, what: str) -> dict[str, Any]:
+    """The table in a TOML file; raises UserError naming the file and what is wrong with it."""
+    return _parsed(read_text(path, what), path, what, "valid TOML", tomllib.loads)
+
+
+def read_json(path: str | Path, what: str, remedy: str = "make it again") -> Any:
+    """The value in a JSON file; raises UserError naming the file, what is wrong with it, and what to do."""
+    try:
+        return _parsed(read_text(path, what, MOST_BYTES), path, what, "JSON", json.loads)
+    except UserError as error:
+        raise UserError(f"{error}; {remedy}") from error
+
+
+def _parsed(text: str, path: str | Path, what: str, language: str, parse: Callable[[str], T]) -> T:
+    try:
+        return parse(text)
+    except RecursionError:
+        fault = "it is nested too deeply"
+    except ValueError as error:  # also of whole numbers that Python refuses to read
+        fault = "a whole number has too many digits" if "integer string conversion" in str(error) else str(error)
+    raise UserError(f"{what} '{path}' is not {language} ({fault})")
+
+
+def _reason(error: Exception) -> str:
+    """What an exception says, as part of a sentence."""
+    return clipped(" ".join(str(getattr(error, "strerror", None) or error or type(error).__name__).split()), 120)
 
 
 @contextmanager
@@ -78,15 +157,15 @@ def read_arrays(path: str | Path, what: str, build: Callable[[Any], T], remedy: 
 
     `what` names the content, such as "distance grid", and `remedy` says what to do. Nothing that is pickled is read.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise UserError(f"{what} '{path}' does not exist")
+    path = readable(path, what)
     try:
         return build(load_npz(path))
     except MemoryError:
         raise
     except Exception as error:  # whatever an unsound file makes `build` raise means the same to a user
-        raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); {remedy}") from error
+        raise UserError(
+            f"{what} '{path}' was not written by scenectl or is damaged ({_reason(error)}); {remedy}"
+        ) from error
 
 
 def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarray:
@@ -102,11 +181,11 @@ def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarra
         UserError: there is no such file, or it holds something else.
     """
     try:
-        array = load_npy(path)
-    except FileNotFoundError:
-        raise UserError(f"{what} '{path}' does not exist; {hint}") from None
+        array = load_npy(readable(path, what))
+    except UserError as error:
+        raise UserError(f"{error}; {hint}") from error
     except (OSError, ValueError) as error:
-        raise UserError(f"{what} '{path}' is not a NumPy array ({error}); {hint}") from error
+        raise UserError(f"{what} '{path}' is not a NumPy array ({_reason(error)}); {hint}") from error
     if array.dtype.kind != "f" or array.ndim != len(layout.split(",")):
         raise UserError(f"{what} '{path}' is not an array of {layout} floats; {hint}")
     if not np.isfinite(array).all():

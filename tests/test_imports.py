@@ -24,6 +24,7 @@ ROOMS = {
     "scenes": [
         "errors",
         "numbers",
+        "tables",
         "validation",
         "archive",
         "files",

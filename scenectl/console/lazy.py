@@ -8,6 +8,9 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from scenes.errors import UserError, shown
+from scenes.numbers import LONGEST_WHOLE, MOST
+
 
 def group(package: str, *names: str) -> type[TyperGroup]:
     """A class of group whose commands are files of a package, listed in this order.
@@ -33,4 +36,20 @@ def _command(module: Any, name: str) -> Any:
         return typer.main.get_group(module.app)
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     alone.command(name)(getattr(module, name))
-    return typer.main.get_command(alone)
+    command = typer.main.get_command(alone)
+    run: Any = command.callback
+    named = {parameter.name: max(parameter.opts, key=len) for parameter in command.params}
+
+    def checked(**given: Any) -> Any:
+        for option, value in given.items():
+            if isinstance(value, int | float) and not _meant(value):
+                raise UserError(f"{named[option]} is {shown(value)}; give a finite number of a size that can be meant")
+        return run(**given)
+
+    command.callback = checked
+    return command
+
+
+def _meant(value: int | float) -> bool:
+    """Whether a number of an option is finite, and as large as those of tables may be."""
+    return abs(value) <= (LONGEST_WHOLE if isinstance(value, int) else MOST)

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from scenes.tables import Table
 
 
-class GuidanceSettings(BaseModel):
+class GuidanceSettings(Table):
     """How strongly goals tilt a generator's beliefs.
 
     Attributes:
         scale: multiplies the goals' log-likelihood in guidance (1 is Eq. 10); 0 switches guidance off.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     scale: float = Field(default=1.0, ge=0)
 
 
-class SolverSettings(BaseModel):
+class SolverSettings(Table):
     """How refinement searches (Eq. 12).
 
     Attributes:
@@ -44,8 +44,6 @@ class SolverSettings(BaseModel):
         polish: leave the last centimetre of targets to a smooth move of joints, which needs no decoder
             (`scenectl.control.refine.polish`).
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Literal["auto", "lm", "gauss_newton", "lbfgs", "adam", "gradient"] = "auto"
     iterations: int = Field(default=100, ge=0)

@@ -6,12 +6,13 @@ import random
 from collections.abc import Sequence
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from scenectl.data.corpus import Clip, bent, mirrored, retimed
 from scenectl.data.kinds import kind_of
 from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
 from scenectl.data.repeat import repeated
+from scenes.tables import Table
 
 SHORTEST_EDIT = 40
 """Frames a walk needs for a pose edit to show."""
@@ -22,7 +23,7 @@ REPEATING = frozenset(
 """Kinds of motion that may go on and on: a longer walk is still a walk, but two bows are not a bow."""
 
 
-class Augmentation(BaseModel):
+class Augmentation(Table):
     """Which copies are made, each switchable.
 
     Attributes:
@@ -35,8 +36,6 @@ class Augmentation(BaseModel):
         crouch, duck, sidestep, reach: share of the walks that get a copy with this pose edit (0 to 1).
         repeat: share of the short clips of `REPEATING` kinds that get a copy which goes on for six to ten seconds.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     mirror: bool = True
     bend: int = 2

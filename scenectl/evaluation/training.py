@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Int
-from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
 from scenectl.data.augment import Augmentation
@@ -22,11 +21,12 @@ from scenectl.networks.checkpoint import save_weights
 from scenectl.networks.text import load_text_encoder
 from scenectl.training.captions import Captions
 from scenectl.training.loop import Figures, Loop, LoopSettings
+from scenes.tables import Table
 
 MIRRORED = Augmentation(mirror=True, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
 
 
-class EvaluatorTraining(BaseModel):
+class EvaluatorTraining(Table):
     """Settings of both trainings.
 
     Attributes:
@@ -34,8 +34,6 @@ class EvaluatorTraining(BaseModel):
         shortest: share of a clip that a training sample shows at least.
         noise: standard deviation added to normalised features: without it the networks overfit on few clips.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     contrastive: LoopSettings = LoopSettings(iterations=600, batch=96, learning_rate=1e-3, weight_decay=0.05)
     kinds: LoopSettings = LoopSettings(iterations=500, batch=96, learning_rate=1e-3, weight_decay=0.05)

@@ -26,6 +26,7 @@ from scenes.errors import UserError, did_you_mean, shown
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
+from scenes.tables import Table
 from scenes.validation import sentence
 from scenes.world.floor.planning import FreeArea
 from scenes.world.moving import MovingObject, Trajectory
@@ -47,10 +48,10 @@ Made = TypeVar("Made")
 AnyTask = TypeVar("AnyTask", bound="TaskTable")
 
 
-class _Table(BaseModel):
+class _Table(Table):
     """A table of a task file: unknown keys are errors that name the nearest known one."""
 
-    model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True, populate_by_name=True, frozen=True)
+    model_config = ConfigDict(arbitrary_types_allowed=True, populate_by_name=True)
 
 
 class ObjectSpec(_Table):
@@ -275,7 +276,7 @@ class TaskTable(_Table):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     folder: Path | None = None
 
-    def __init__(self, **data: Any) -> None:
+    def __init__(self, /, **data: Any) -> None:
         try:
             super().__init__(**data)
         except ValidationError as error:

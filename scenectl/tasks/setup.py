@@ -19,7 +19,7 @@ from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place
 from scenes.motion.motion import Motion, Pose2D
 from scenes.world.floor.levels import STEP
-from scenes.world.floor.planning import FreeArea, free_area
+from scenes.world.floor.planning import FreeArea, coarse, free_area
 from scenes.world.floor.polyline import climbs, walked
 from scenes.world.reach import CROUCH, HEAD
 from scenes.world.scene import Scene
@@ -64,8 +64,11 @@ class Setup:
     @property
     def doubts(self) -> tuple[str, ...]:
         """The scene's, and what is unusual about targets and the walk, one sentence each."""
-        taken = np.zeros(0) if self.path is None else climbs(self.path, STEP)
         doubts = (*self.scene.doubts, *self.unreached)
+        if self.path is None:
+            return doubts
+        doubts = (*doubts, *filter(None, [coarse(self.scene)]))
+        taken = climbs(self.path, STEP)
         if not len(taken):
             return doubts
         ways = ((taken[taken > 0], "up"), (taken[taken < 0], "down"))

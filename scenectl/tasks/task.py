@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,6 +13,7 @@ from scenectl.generators.spec import Spec
 from scenectl.tasks.schema import GeneratorSpec, Start, TaskTable, known_keys
 from scenectl.tasks.setup import Setup, plan
 from scenes.errors import UserError, did_you_mean
+from scenes.files import read_toml
 from scenes.motion.frames import HOME, Place, back, origin_near
 from scenes.motion.motion import Pose2D
 from scenes.validation import sentence
@@ -82,16 +82,7 @@ class Task(TaskTable):
 def load_task(path: str | Path) -> Task:
     """Read a task file; raises UserError naming the file for anything that is wrong in it."""
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise UserError(f"task file '{path}' does not exist") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"task file '{path}' cannot be read as text ({error})") from error
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"task file '{path}' is not valid TOML: {error}") from error
+    table = read_toml(path, "task file")
     try:
         for key in ("folder", "goals"):  # names for Python; in a file the one is implied and the other [[goal]]
             if key in table:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from pydantic import BaseModel, ConfigDict
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
@@ -22,6 +21,7 @@ from torch.optim.swa_utils import get_ema_multi_avg_fn
 from scenectl.training.placement import Placement
 from scenes.errors import UserError
 from scenes.files import atomic_write
+from scenes.tables import Table
 
 Figures = dict[str, float | Tensor]
 """Figures of one step by name; tensors stay on their device until they are logged, so that it never waits for us."""
@@ -38,7 +38,7 @@ _Sums = dict[str, list[float | Tensor]]
 _NOT_SHOWN = ("iteration", "seconds", "lr", RATE)
 
 
-class LoopSettings(BaseModel):
+class LoopSettings(Table):
     """How long and how fast to learn.
 
     Attributes:
@@ -50,8 +50,6 @@ class LoopSettings(BaseModel):
         save_seconds: how often the state is written, so that a kill costs no more than that.
         log_every: steps between two points of the loss curve.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     iterations: int
     batch: int

@@ -5,17 +5,17 @@ from __future__ import annotations
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
 from scenectl.data.features import CONTACT_JOINTS, CONTACTS, ROOT_VELOCITY, YAW, features_to_joints
 from scenectl.training.loop import LoopSettings
 from scenes.motion.skeleton import HUMANML3D
+from scenes.tables import Table
 
 _FEET = HUMANML3D.indices(CONTACT_JOINTS)
 
 
-class ReconstructionWeights(BaseModel):
+class ReconstructionWeights(Table):
     """Weights of the reconstruction terms.
 
     Attributes:
@@ -31,8 +31,6 @@ class ReconstructionWeights(BaseModel):
             windows of 1.6 s. Where codes don't tell the phase of a movement, all other terms are least for none at all.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     features: float = 1.0
     root: float = 1.0
     joints: float = 2.0
@@ -44,7 +42,7 @@ class ReconstructionWeights(BaseModel):
     amplitudes: float = 0.0
 
 
-class ReconstructionTraining(BaseModel):
+class ReconstructionTraining(Table):
     """Settings of a training by reconstruction alone.
 
     Attributes:
@@ -52,8 +50,6 @@ class ReconstructionTraining(BaseModel):
         frames: window lengths, one drawn for each batch.
         reconstruction: weights of the reconstruction terms.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     loop: LoopSettings
     frames: tuple[int, ...] = (64,)

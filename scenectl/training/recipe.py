@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from scenectl.data.augment import Augmentation
 from scenectl.training.placement import Precision
 from scenes.errors import UserError, did_you_mean
+from scenes.files import read_toml
+from scenes.tables import Table
 from scenes.validation import sentence
 
 R = TypeVar("R", bound="Recipe")
 
 
-class Variant(BaseModel):
+class Variant(Table):
     """A recipe's variant: its name, and the keys that it changes, by their dotted names."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     name: str = Field(pattern=r"^[\w.+-]+$")
-    set: dict[str, Any] = {}
+    set: dict[str, Any] = Field(default_factory=dict)
 
 
-class Recipe(BaseModel):
+class Recipe(Table):
     """Data and training settings; each family's own recipe adds a table for every stage and says what `model` is.
 
     Attributes:
@@ -40,8 +39,6 @@ class Recipe(BaseModel):
         augmentation: copies of clips that are trained on, too.
         sweep: variants of this recipe that `scenectl train sweep` compares.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     family: str
     seed: int = 0
@@ -118,10 +115,7 @@ def _table(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     """A recipe's keys over those of the one it extends."""
     if path.resolve() in seen:
         raise UserError(f"training config '{path}' extends itself; let one of the configs stand alone")
-    try:
-        table = tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"training config '{path}' is not valid TOML: {error}") from error
+    table = read_toml(path, "training config")
     other = table.pop("extends", None)
     if other is None:
         return table

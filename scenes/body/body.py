@@ -18,12 +18,15 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenes.errors import UserError
+from scenes.errors import UserError, shown
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 STRETCH = 1.1
 """Bones up to this much longer than the skeleton's keep gaps between samples below the capsule's radius."""
+
+THINNEST, THICKEST = 1e-3, 10.0
+"""Metres: radii of a body. Thinner bones would need thousands of samples."""
 
 _HUMAN: dict[str, Any] = tomllib.loads((Path(__file__).parent / "human.toml").read_text(encoding="utf-8"))
 
@@ -87,6 +90,9 @@ class ProxyBody:
         sole_offset: metres from the lowest foot joint down to the sole. A canonical motion has that joint at
             y = 0, so placing it at `floor.height + sole_offset` lets the foot spheres touch the floor.
         source: citation of the tables.
+
+    Raises:
+        UserError: joints that the skeleton does not have, or radii that no body has.
     """
 
     skeleton: Skeleton
@@ -94,6 +100,19 @@ class ProxyBody:
     capsules: tuple[BodyCapsule, ...]
     sole_offset: float
     source: str = SOURCE
+
+    def __post_init__(self) -> None:
+        joints = range(len(self.skeleton.names))
+        ends = [(s.joint, s.joint if s.base == -1 else s.base) for s in self.spheres]
+        if not all(a in joints and b in joints for a, b in (*ends, *((c.a, c.b) for c in self.capsules))):
+            raise UserError(f"a body has spheres or capsules on joints beyond its {len(joints)}")
+        sizes = [*(sphere.radius for sphere in self.spheres), *(capsule.radius for capsule in self.capsules)]
+        if not sizes or not all(THINNEST <= size <= THICKEST for size in sizes):
+            raise UserError(f"a body has radii from {THINNEST:g} to {THICKEST:g} m, not {shown(sizes)}")
+        if not all(
+            abs(number) <= THICKEST / THINNEST for number in (self.sole_offset, *(s.beyond for s in self.spheres))
+        ):
+            raise UserError("a body has a sphere, or its soles, far from its joints")
 
     @classmethod
     def human(cls) -> ProxyBody:

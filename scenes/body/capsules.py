@@ -15,6 +15,7 @@ import numpy as np
 
 from scenes.errors import UserError
 from scenes.mesh.surface import Faults, clean
+from scenes.numbers import MOST
 
 SAMPLES = 2000
 """Points on a surface that stand for it where a share of it may stick out."""
@@ -264,8 +265,10 @@ def _checked(points: np.ndarray, coverage: float) -> np.ndarray:
     points = np.asarray(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
         raise UserError(f"points to fit have shape {list(points.shape)}; give [n, 3] with at least three points")
-    if not np.isfinite(points).all():
-        raise UserError("points to fit hold NaN or infinite coordinates; repair the mesh first")
+    if not (np.abs(points) <= MOST).all():
+        raise UserError(
+            f"points to fit hold coordinates that are NaN, infinite or over {MOST:.0e} m; repair the mesh first"
+        )
     if not 0.5 < coverage <= 1:
         raise UserError(f"coverage is {coverage:g}; give a share above 0.5 and at most 1")
     return points

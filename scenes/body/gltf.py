@@ -14,9 +14,12 @@ import numpy as np
 
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError
+from scenes.files import readable
 from scenes.mesh.content import distinct, placed, told
 from scenes.mesh.gltf import Gltf, numbered
+from scenes.mesh.scale import LARGEST
 from scenes.motion.frames import rigid, transform
+from scenes.numbers import MOST
 
 
 def read_rig(path: str | Path) -> Rig:
@@ -31,9 +34,7 @@ def read_rig(path: str | Path) -> Rig:
         UserError: no such file; one that `scenes.mesh.gltf.read_gltf` refuses; no skin, or several without a common
             joint; no triangles; nodes in a ring; weights that are missing, NaN or name no joint.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise UserError(f"character file '{path}' does not exist")
+    path = readable(path, "character file")
     with told(f"character file '{path}'", "glTF"):
         return _rig(path, _Skinned.read(path))
 
@@ -43,8 +44,8 @@ def _rig(path: Path, file: _Skinned) -> Rig:
     names = tuple(distinct(str(file.nodes[node].get("name") or f"node {node}") for node in joints))
     place = {node: joint for joint, node in enumerate(joints)}
     parents = tuple(place.get(file.above(node, place), -1) for node in joints)
-    if not np.isfinite(file.world[joints]).all():
-        raise ValueError("a joint's transform is not finite")
+    if not (np.abs(file.world[joints]) <= MOST).all():
+        raise ValueError("a joint's transform is not finite, or huge")
     frames = np.stack([rigid(file.world[node]) for node in joints])
     pieces: dict[int, list[np.ndarray]] = {}
     for node in sorted(file.drawn):
@@ -55,8 +56,8 @@ def _rig(path: Path, file: _Skinned) -> Rig:
     parts = []
     for joint in sorted(pieces):
         corners = np.concatenate(pieces[joint])
-        if not np.isfinite(corners).all():
-            raise ValueError("coordinates are NaN or infinite")
+        if not (np.abs(corners) <= LARGEST).all():
+            raise ValueError(f"coordinates are NaN, infinite or over {LARGEST:g} m from their joint")
         vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         parts.append(Part(names[joint], frames[joint], vertices, faces.reshape(-1, 3)))
     return Rig(path.stem, str(path), names, parents, frames, tuple(parts))

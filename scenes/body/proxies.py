@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -21,10 +20,12 @@ from scenes.body.capsules import SAMPLES, FittedCapsule, fit_capsule, inner_volu
 from scenes.body.fit import fit_body
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError
-from scenes.files import write_json
+from scenes.files import read_json, write_json
 from scenes.mesh.content import used
 from scenes.motion.skeleton import HUMANML3D
+from scenes.numbers import MOST
 from scenes.sdf.field import DistanceField
+from scenes.tables import Strict
 
 WORTH = 0.9
 """A part is split into one more capsule where that leaves at most this share of their volume."""
@@ -150,16 +151,14 @@ class Proxies:
     @classmethod
     def load(cls, path: str | Path) -> Proxies:
         """Read what `save` wrote; raises UserError naming the file for anything else."""
-        try:
-            table = json.loads(Path(path).read_text(encoding="utf-8"))
-        except FileNotFoundError as error:
-            raise UserError(f"body file '{path}' does not exist") from error
-        except (OSError, ValueError, RecursionError) as error:
-            raise UserError(f"body file '{path}' is not JSON; write it with scenectl body FILE --json") from error
+        table = read_json(path, "body file", "write it with scenectl body FILE --json")
         if not isinstance(table, dict) or table.pop("format", None) != _FORMAT:
             raise UserError(f"body file '{path}' is not of the format '{_FORMAT}'; write it with scenectl body --json")
+        kind: Any = Annotated[cls, Strict()]
         try:
-            found: Proxies = TypeAdapter(cls).validate_python(table)
+            found: Proxies = TypeAdapter(kind).validate_python(table)
+        except UserError as error:  # of the body in it
+            raise UserError(f"body file '{path}' is damaged: {error}; write it anew") from error
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"]))
@@ -178,7 +177,13 @@ class Proxies:
         if {len(f) for f in self.rest} != {4} or {len(row) for f in self.rest for row in f} != {4}:
             return "its frames are not 4 by 4"
         numbers = [*np.ravel(self.rest), *(x for c in self.capsules for x in (*c.a, *c.b, c.radius))]
-        if len(self.rest) != count or not np.isfinite(numbers).all() or min(self.radii.tolist(), default=-1) < 0:
+        if (
+            len(self.rest) != count
+            or not (np.abs(numbers) <= MOST).all()
+            or min(self.radii.tolist(), default=-1) < 0
+            or not self.parts
+            or not all(part.capsules for part in self.parts)
+        ):
             return "it holds frames or capsules that cannot be"
         if unknown := {part.link for part in self.parts} - set(self.links):
             return f"it has no link '{min(unknown)}'"

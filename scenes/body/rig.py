@@ -9,6 +9,7 @@ import numpy as np
 
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.content import used
+from scenes.mesh.scale import LARGEST
 from scenes.motion.frames import transform
 
 
@@ -50,6 +51,9 @@ class Rig:
         frames: rigid transform from each link to the world at rest, ``[L, 4, 4]``, metres, y up.
         parts: triangles of the links that have some, in the order of `links`.
         doubts: what whoever gave the file should hear about how it was read, one sentence each.
+
+    Raises:
+        UserError: it is larger than any scene; the sentence carries on from its name.
     """
 
     name: str
@@ -59,6 +63,12 @@ class Rig:
     frames: np.ndarray
     parts: tuple[Part, ...]
     doubts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        reach = np.concatenate([self.origins, *(part.placed for part in self.parts)])
+        extent = float(np.ptp(reach, axis=0).max()) if len(reach) else 0.0
+        if not extent <= LARGEST:
+            raise UserError(f"is {extent:.3g} m long, and rigs are {LARGEST:g} m at most; check its scales and offsets")
 
     def index(self, link: str) -> int:
         """Index of a link; raises UserError naming the nearest known one."""

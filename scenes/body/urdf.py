@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,17 @@ import numpy as np
 
 from scenes.body.capsules import sample_surface
 from scenes.body.rig import Part, Rig
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, did_you_mean, shown
+from scenes.files import MOST_TEXT, readable
 from scenes.mesh.collada import read_collada
 from scenes.mesh.content import joined
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.reading import READERS, read_content
+from scenes.mesh.scale import LARGEST
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import transform
 from scenes.motion.skeleton import tree_order
+from scenes.numbers import MOST, is_number
 
 Y_UP = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """From URDF's world (x forward, y left, z up) to ours (z forward, x left, y up)."""
@@ -45,9 +47,7 @@ def read_urdf(path: str | Path) -> Rig:
             that name unknown links, give one two parents or go round in a ring; numbers that cannot be read; a mesh
             file that is missing or cannot be read; no shapes.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise UserError(f"robot file '{path}' does not exist")
+    path = readable(path, "robot file", MOST_TEXT)
     try:
         return _rig(path)
     except UserError as error:
@@ -174,7 +174,11 @@ def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndar
         vertices, faces = solid.vertices - solid.bounds.mean(axis=0), solid.faces
     else:
         raise UserError(f"has the unknown shape <{kind.tag}> in {link}; use mesh, box, cylinder or sphere")
-    return transform(_origin(shape, where), np.asarray(vertices, dtype=np.float64)), np.asarray(faces, dtype=np.int64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        placed = transform(_origin(shape, where), np.asarray(vertices, dtype=np.float64))
+    if not (np.abs(placed) <= LARGEST).all():
+        raise UserError(f"has a {kind.tag} in {link} that reaches over {LARGEST:g} m; check its scale and its offset")
+    return placed, np.asarray(faces, dtype=np.int64)
 
 
 def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -191,7 +195,9 @@ def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.nd
     vertices, faces = joined([(piece.vertices, piece.faces) for piece in pieces])
     if not np.isfinite(vertices).all():
         raise UserError(f"{what} has NaN or infinite coordinates; repair it")
-    return vertices * scale, faces if scale.prod() > 0 else faces[:, ::-1]
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is told by `_solid`
+        vertices = vertices * scale
+    return vertices, faces if scale.prod() > 0 else faces[:, ::-1]
 
 
 def _found(uri: str, folder: Path) -> Path | None:
@@ -221,16 +227,17 @@ def _numbers(element: Element, key: str, where: str, count: int, default: str | 
         numbers = [float(word) for word in (text or "").split()]
     except ValueError:
         numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+    if len(numbers) != count or not all(map(is_number, numbers)):
         wanted = "a number" if count == 1 else f"{count} numbers"
-        raise UserError(f"states {key}={_quoted(text)} for the {where}; give {wanted}")
+        raise UserError(f"states {key}={_quoted(text)} for the {where}; give {wanted}, at most {MOST:.0e}")
     return numbers
 
 
 def _sizes(element: Element, key: str, where: str, count: int) -> list[float]:
     numbers = _numbers(element, key, where, count)
-    if min(numbers) <= 0:
-        raise UserError(f"states {key}={_quoted(element.get(key))} for the {where}; give positive metres")
+    if not 0 < min(numbers) <= max(numbers) <= LARGEST:
+        given = _quoted(element.get(key))
+        raise UserError(f"states {key}={given} for the {where}; give positive metres, at most {LARGEST:g}")
     return numbers
 
 
@@ -241,4 +248,4 @@ def _attribute(element: Element, key: str, where: str) -> str:
 
 
 def _quoted(value: Any) -> str:
-    return "nothing" if value is None else f"'{value}'"
+    return "nothing" if value is None else shown(value)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.errors import UserError
+from scenes.errors import UserError, clipped
 from scenes.motion.frames import transform
 
 
@@ -56,7 +56,9 @@ def told(file: str, kind: str) -> Iterator[None]:
         raise UserError(f"{file} cannot be read ({error.strerror or error})") from error
     except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError, struct.error) as error:
         what = (str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}").partition("\n")[0]
-        raise UserError(f"{file} is not well-formed {kind} and cannot be read ({what}); export it again") from error
+        raise UserError(
+            f"{file} is not well-formed {kind} and cannot be read ({clipped(what)}); export it again"
+        ) from error
 
 
 def text_of(path: Path) -> bytes:

@@ -18,7 +18,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from scenes.errors import UserError
+from scenes.errors import UserError, shown
+from scenes.files import unreadable
 from scenes.mesh.content import Content, Piece, distinct, joined, placed
 from scenes.motion.frames import rotations
 from scenes.motion.skeleton import tree_order
@@ -326,6 +327,8 @@ class Gltf:
                 f"names the buffer '{unquote(uri)}', which is not in '{self.path.parent}'; "
                 "copy it there, or export a GLB"
             )
+        if fault := unreadable(found):
+            raise UserError(f"names the buffer '{unquote(uri)}', which {fault}")
         return found.read_bytes()
 
 
@@ -398,7 +401,7 @@ def _ends_early(error: json.JSONDecodeError) -> bool:
 def numbered(value: Any, among: Any, what: str) -> int:
     """An index as the file states it; Python would take negative ones to count from the end."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < len(among):
-        raise ValueError(f"there is no {what} {value}")
+        raise ValueError(f"there is no {what} {shown(value)}")
     return value
 
 

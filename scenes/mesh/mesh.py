@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from scenes.errors import UserError, did_you_mean
+from scenes.files import readable
 from scenes.mesh.content import Content, distinct, joined
 from scenes.mesh.reading import FORMATS, read_content
 from scenes.mesh.scale import TO_Y_UP, UNITS, check_extent, doubts, in_metres
 from scenes.mesh.stray import without_strays
+from scenes.numbers import MOST
 
 _UNIT_WORDS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
@@ -71,9 +73,14 @@ class Mesh:
         bad = 0 if np.isfinite(corners).all() else int((~np.isfinite(corners)).any(axis=1).sum())
         if bad:
             raise UserError(f"mesh '{self.name}' has {bad} vertices with NaN or infinite coordinates; repair it first")
+        bounds = np.stack([corners.min(axis=0), corners.max(axis=0)])
+        if (far := float(np.abs(bounds).max())) > MOST:
+            raise UserError(
+                f"mesh '{self.name}' has coordinates of {far:.1e} m, and at most {MOST:.0e} are read; move it"
+            )
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "bounds", np.stack([corners.min(axis=0), corners.max(axis=0)]))
+        object.__setattr__(self, "bounds", bounds)
         if not self.digest:
             state = hashlib.sha256(vertices.data)
             state.update(faces.data)
@@ -145,10 +152,7 @@ def hull(boxes: Sequence[np.ndarray]) -> np.ndarray:
 
 def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[str | None, str | None]]:
     """Everything in the file, placed, in its own unit and axes; and these, None where neither user nor file says."""
-    if path.is_dir():
-        raise UserError(f"mesh file '{path}' is a folder; give a file in it")
-    if not path.is_file():
-        raise UserError(f"mesh file '{path}' does not exist")
+    readable(path, "mesh file")
     ending = path.suffix.lower().removeprefix(".")
     if ending not in FORMATS:
         raise UserError(f"mesh file '{path}' has the unknown format '{ending}'{did_you_mean(ending, FORMATS)}")
@@ -162,7 +166,8 @@ def _read(path: Path, unit: str | None, up: str | None) -> tuple[Content, tuple[
 def _mesh(name: str, path: Path, shape: tuple[np.ndarray, np.ndarray], unit: str | None, up: str | None) -> Mesh:
     """The mesh that was read, in metres and y up, without its stray triangles."""
     unit, up = unit or "m", up or "y"
-    vertices, faces, strays = without_strays(in_metres(shape[0], unit, up), shape[1], name)
+    with np.errstate(all="ignore"):  # what is not finite, or huge, is told by the mesh
+        vertices, faces, strays = without_strays(in_metres(shape[0], unit, up), shape[1], name)
     return Mesh(vertices, faces, name, str(path), unit, up, doubts=strays)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from scenes.errors import UserError
+from scenes.files import unreadable
 from scenes.mesh.content import Content, told
 from scenes.mesh.gltf import read_gltf
 from scenes.mesh.obj import read_obj
@@ -33,6 +34,8 @@ def read_content(path: Path, file: str, readers: dict[str, Callable[[Path], Cont
     """
     ending = path.suffix.lower().removeprefix(".")
     with told(file, ending.upper()):
+        if fault := unreadable(path):
+            raise UserError(fault)
         content = readers[ending](path)
         if not any(len(piece.faces) for piece in content.pieces):
             raise UserError("has no triangles (a point cloud or an empty scene); export it with faces")

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from scenes.errors import UserError
-from scenes.files import atomic_write, clear_stale
+from scenes.files import atomic_write, clear_stale, unreadable
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.sdf.blocks import SdfBlocks
@@ -180,20 +180,32 @@ def _store(path: Path, key: str, result: Bake[Grid]) -> None:
         warnings.warn(f"the bake could not be cached: {error}", stacklevel=3)
 
 
+_KINDS = {
+    "key": "U", "rule": "U", "message": "U", "kind": "U", "confidence": "u", "inward": "b", "boundary_edges": "i",
+    "doubts": "U",
+}  # fmt: skip
+"""Kinds of arrays in which a cached bake keeps what is no grid."""
+
+
 def _load(path: Path, key: str, kind: type[Grid]) -> Bake[Grid] | None:
     """A cached bake, or None when there is none or its file is damaged (then it is baked again and replaced)."""
+    if unreadable(path):
+        return None
     try:
         with np.load(path, allow_pickle=False) as data:  # reading an array checks its CRC
-            if str(data["key"]) != key:
+            facts = {name: data[name] for name in _KINDS}
+            if {name: fact.dtype.kind for name, fact in facts.items()} != _KINDS or str(facts["key"]) != key:
                 return None
-            confidence = data["confidence"] if data["confidence"].size else None
+            grid, confidence = kind.from_arrays(data), facts["confidence"]
+            if confidence.size and confidence.shape != grid.shape:
+                return None
             return Bake(
-                kind.from_arrays(data),
-                rule=str(data["rule"]),
-                signs=Signs(str(data["kind"]), int(data["boundary_edges"]), confidence),
-                inward=bool(data["inward"]),
-                message=str(data["message"]),
-                doubts=tuple(str(doubt) for doubt in data["doubts"]),
+                grid,
+                rule=str(facts["rule"]),
+                signs=Signs(str(facts["kind"]), int(facts["boundary_edges"]), confidence if confidence.size else None),
+                inward=bool(facts["inward"]),
+                message=str(facts["message"]),
+                doubts=tuple(str(doubt) for doubt in facts["doubts"]),
             )
     except Exception:  # zipfile, numpy and our own checks raise many kinds; all mean "bake it again"
         return None

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from scenes.files import read_arrays
 from scenes.kernels.blocks import CELL, LEVELS, STEPS, queried
-from scenes.sdf.grid import Interpolated, in_parts, margin_of, stored_margin
+from scenes.sdf.grid import Interpolated, in_parts, margin_of, stored, stored_place
 
 Blocks: TypeAlias = tuple[np.ndarray, ...]
 """Blocks of 3^3, 5^3 and 9^3 nodes, ``[n, 3, 3, 3]``, ``[n, 5, 5, 5]``, ``[n, 9, 9, 9]`` int16."""
@@ -132,20 +132,15 @@ class SdfBlocks(Interpolated):
 
         Kernels do not check bounds, so that whatever they follow is checked here.
         """
-        coarse, origin = np.ascontiguousarray(data["coarse"], np.float32), np.array(data["origin"], np.float64)
-        index = np.ascontiguousarray(data["index"], np.int32)
-        blocks = tuple(np.ascontiguousarray(data[f"blocks{level}"], np.int16) for level in range(1, LEVELS + 1))
-        spacing, beyond = float(data["spacing"]), float(data["beyond"])
-        if coarse.ndim != 3 or min(coarse.shape) < 2 or index.shape != tuple(n - 1 for n in coarse.shape):
+        coarse, index = stored(data, "coarse", np.float32, 3), stored(data, "index", np.int32, 3)
+        blocks = tuple(stored(data, f"blocks{level}", np.int16, 4) for level in range(1, LEVELS + 1))
+        origin, *place = stored_place(data)
+        if min(coarse.shape) < 2 or index.shape != tuple(n - 1 for n in coarse.shape):
             raise ValueError(f"coarse nodes {coarse.shape} and cells {index.shape} do not match")
-        if origin.shape != (3,) or not np.isfinite(origin).all() or not np.isfinite(coarse).all():
-            raise ValueError("values or origin are not finite")
-        if not (np.isfinite(spacing) and spacing > 0) or beyond not in (-1.0, 1.0):
-            raise ValueError("'spacing' is not positive, or 'beyond' is neither -1 nor 1")
         for level, of_level in enumerate(blocks):
             if of_level.shape[1:] != ((2 << level) + 1,) * 3:
                 raise ValueError(f"blocks of level {level + 1} have shape {of_level.shape}")
             numbers = index[(index >= 0) & (index % LEVELS == level)] // LEVELS
             if numbers.size and numbers.max() >= len(of_level):
                 raise ValueError(f"cells refer to blocks of level {level + 1} that are missing")
-        return cls(coarse, index, blocks, origin, spacing, beyond, stored_margin(data))
+        return cls(coarse, index, blocks, origin.numpy(), *place)

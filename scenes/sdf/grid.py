@@ -19,6 +19,7 @@ from scenes.files import atomic_write, read_arrays
 from scenes.kernels import parts
 from scenes.kernels.contact import SIDE, lowest, steepened
 from scenes.kernels.query import interpolated
+from scenes.numbers import MOST, WIDEST
 
 Evaluate: TypeAlias = Callable[[Tensor, bool], tuple[Tensor, Tensor | None]]
 
@@ -299,15 +300,8 @@ class SdfGrid(Interpolated):
     @classmethod
     def from_arrays(cls, data: Any) -> SdfGrid:
         """Rebuild a grid from the mapping of arrays that `arrays` gave; raises ValueError where they are unsound."""
-        values = np.asarray(data["values"], dtype=np.float32)
-        origin = np.asarray(data["origin"], dtype=np.float64)
-        if origin.shape != (3,) or not np.isfinite(origin).all() or not np.isfinite(values).all():
-            raise ValueError("values or origin are not finite")
-        beyond = float(data["beyond"])
-        if beyond not in (-1.0, 1.0):
-            raise ValueError("'beyond' is neither -1 nor 1")
-        margin = stored_margin(data)
-        return cls(torch.from_numpy(values), torch.from_numpy(origin), float(data["spacing"]), beyond, margin)
+        values = stored(data, "values", np.float32, 3)
+        return cls(torch.from_numpy(values), *stored_place(data))
 
 
 class Interpolant(torch.autograd.Function):
@@ -384,12 +378,27 @@ def margin_of(values: np.ndarray, stated: float) -> float:
     return max(least, 0.0)
 
 
-def stored_margin(data: Any) -> float:
-    """The margin in a file's arrays, 0 in those of earlier versions; raises ValueError for what is none."""
-    margin = float(data["margin"]) if "margin" in data else 0.0
-    if not (np.isfinite(margin) and margin >= 0):
-        raise ValueError("'margin' is negative or not finite")
-    return margin
+def stored(data: Any, name: str, kind: Any, axes: int) -> np.ndarray:
+    """An array of a file, of the type and with as many axes as we write; raises ValueError for any other.
+
+    Numbers with a point must be finite and at most `MOST`.
+    """
+    array = np.ascontiguousarray(data[name]) if axes else np.asarray(data[name])
+    if array.dtype != kind or array.ndim != axes:
+        raise ValueError(f"'{name}' has the type {array.dtype} and {array.ndim} axes, not {np.dtype(kind)} and {axes}")
+    if array.dtype.kind == "f" and not (np.abs(array) <= MOST).all():
+        raise ValueError(f"'{name}' holds numbers that are not finite, or over {MOST:.0e}")
+    return array
+
+
+def stored_place(data: Any) -> tuple[Tensor, float, float, float]:
+    """Origin, spacing, `beyond` and margin (0 in files of earlier versions) of a file; raises ValueError."""
+    origin = stored(data, "origin", np.float64, 1)
+    spacing, beyond = (float(stored(data, name, np.float64, 0)) for name in ("spacing", "beyond"))
+    margin = float(stored(data, "margin", np.float64, 0)) if "margin" in data else 0.0
+    if origin.shape != (3,) or not 0 < spacing <= WIDEST or beyond not in (-1.0, 1.0) or margin < 0:
+        raise ValueError("'origin', 'spacing', 'beyond' or 'margin' is what no grid has")
+    return torch.from_numpy(origin), spacing, beyond, margin
 
 
 def flat(points: Tensor) -> Tensor:

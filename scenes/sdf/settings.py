@@ -18,6 +18,10 @@ Cache: TypeAlias = Path | Literal["default"] | None
 """Folder of earlier bakes; "default" for `scenes.sdf.bake.default_cache`, None for none."""
 
 
+FINEST, COARSEST = 1e-4, 100.0
+"""Metres between nodes: the smallest scene, of 5 cm, has 500 of the finest; the widest, of 2 km, 20 of the coarsest."""
+
+
 class BakeOptions(TypedDict, total=False):
     """Some of the `BakeSettings`, as keywords."""
 
@@ -78,9 +82,9 @@ def check_resolution(resolution: int) -> None:
 
 
 def check_spacing(spacing: float | int) -> float:
-    """Metres between nodes as given; raises UserError unless they are positive."""
-    if not (math.isfinite(spacing) and spacing > 0):
-        raise UserError(f"bake spacing is {spacing}; give metres, such as 0.02")
+    """Metres between nodes as given; raises UserError unless they are positive, and of a size that can be meant."""
+    if not FINEST <= spacing <= COARSEST:
+        raise UserError(f"bake spacing is {spacing}; give metres from {FINEST:g} to {COARSEST:g}, such as 0.02")
     return float(spacing)
 
 

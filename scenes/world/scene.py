@@ -22,6 +22,7 @@ from scenes.mesh.mesh import Mesh, hull, load_mesh
 from scenes.mesh.primitives import Capsule, Plane, Primitive, Sphere
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.motion.frames import HOME, Place, back, shifted
+from scenes.numbers import WIDEST, finite
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.bake_blocks import bake_blocks
 from scenes.sdf.exact import signed_distance
@@ -89,8 +90,8 @@ class Scene:
         self.origin = origin
         self.reach: Reach | None = None
         self.stated_floor = 0.0 if floor is None and not self.meshes else floor
-        if self.stated_floor is not None and not np.isfinite(self.stated_floor):
-            raise UserError(f"scene '{name}': the floor height is {floor}; give finite metres")
+        if self.stated_floor is not None:
+            finite(self.stated_floor, f"scene '{name}': the floor height")
 
     @classmethod
     def empty(cls, floor: float | int = 0.0) -> Scene:
@@ -368,6 +369,11 @@ class Scene:
         A scene with nothing but a floor has no bounds of its own; it is given 40 x 4 x 40 m around the origin.
         """
         solids = [mesh.bounds for mesh in self.meshes] + self._loose
+        if solids and (wide := float(np.ptp(hull(solids), axis=0).max())) > WIDEST:
+            raise UserError(
+                f"scene '{self.name}' is {wide:.3g} m wide with its shapes and objects, and scenes are {WIDEST:g} m at "
+                "most; move them together"
+            )
         if self.meshes:
             return hull(solids)
         low = self.stated_floor or 0.0

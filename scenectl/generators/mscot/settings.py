@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from scenectl.data.features import FPS
 from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
 from scenectl.generators.spec import Spec
+from scenes.tables import Table
 
 SPEC = Spec(
     fps=FPS,
@@ -17,13 +18,13 @@ SPEC = Spec(
 )
 
 
-class Sampling(BaseModel):
+class Sampling(Table):
     """How tokens are drawn.
 
     Attributes:
         cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5). More follows rare words of
             a sentence better, such as "ducks", and makes feet slide.
-        temperature: of the softmax.
+        temperature: of the softmax; below a thousandth the likeliest token would be drawn every time.
         top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
             is kept; 1 keeps all.
         clip_nats: largest spread of a position's tilt between codes (nats) at the finest scale: an unclipped tilt can
@@ -32,10 +33,8 @@ class Sampling(BaseModel):
         clip_coarsest: share of that spread for the coarsest scale of the first sample.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     cfg: float = Field(default=2.0, ge=0)
-    temperature: float = Field(default=0.7, gt=0)
-    top_p: float = Field(default=0.95, gt=0, le=1)
+    temperature: float = Field(default=0.7, ge=1e-3)
+    top_p: float = Field(default=0.95, ge=1e-6, le=1)
     clip_nats: float = Field(default=20.0, ge=0)
     clip_coarsest: float = Field(default=0.25, gt=0, le=1)

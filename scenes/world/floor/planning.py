@@ -25,6 +25,9 @@ Place: TypeAlias = Sequence[float] | Sequence[int] | np.ndarray
 OFF = 0.25
 """Metres that a stated height may be off the ground: more than a step up to `CLIMB`, less than the seat of a chair."""
 
+COARSEST = 0.2
+"""Side (m) of the widest cells in which ways are planned by default: scenes of 200 x 200 m. Doors are four of them."""
+
 _CELLS = 16_000_000  # largest map: 200 x 200 m in cells of 5 cm
 
 
@@ -233,15 +236,36 @@ class FreeArea:
         return np.stack([low, low + np.array(self.clearance.shape) * self.cell])
 
 
-def free_area(scene: Scene, radius: float = RADIUS, height: float = HEIGHT, cell: float = CELL) -> FreeArea:
+def coarse(scene: Scene) -> str:
+    """A sentence where the map of a scene is coarser than others, "" elsewhere."""
+    if (cell := fitting(scene.bounds)) <= CELL:
+        return ""
+    x, _, z = np.ptp(scene.bounds, axis=0)
+    return (
+        f"the scene is {x:.0f} x {z:.0f} m, so that ways are planned on a map with cells of {100 * cell:.0f} cm, which "
+        "narrow passages may be missing from"
+    )
+
+
+def free_area(scene: Scene, radius: float = RADIUS, height: float = HEIGHT, cell: float | None = None) -> FreeArea:
     """Map the ground of a scene for a person of `radius` and `height` (m) in square cells of side `cell` (m).
+
+    By default cells are 5 cm wide, and as wide as a million of them take in larger scenes (see `coarse`).
 
     An obstacle is whatever comes between `STEP` above the ground and `height` above it; cells without ground, outside
     the room, or inside something count as obstacles too. Moving shapes are taken where they are at 0 s.
 
     Raises:
-        UserError: sizes that make no sense, or a map of more than 16 million cells.
+        UserError: sizes that make no sense, or a map of more than 16 million cells, or of default ones over
+            `COARSEST`.
     """
+    own = fitting(scene.bounds)
+    if cell is None and own > COARSEST:
+        x, _, z = np.ptp(scene.bounds, axis=0)
+        raise UserError(
+            f"the scene is {x:.0f} x {z:.0f} m, too large for ways to be planned in it; give one of 200 x 200 m at most"
+        )
+    cell = own if cell is None else cell
     for name, value, least in (("radius", radius, 0.0), ("height", height, STEP), ("cell", cell, 0.0)):
         if not (np.isfinite(value) and value > least):
             raise UserError(f"free area: {name} is {value} m; give more than {least:g} m")
@@ -249,6 +273,6 @@ def free_area(scene: Scene, radius: float = RADIUS, height: float = HEIGHT, cell
     if int(np.prod(counts)) > _CELLS:
         raise UserError(f"free area: {counts[0]} x {counts[1]} cells are too many; use a cell larger than {cell:g} m")
     floor = scene.floor.height
-    levels = scene.levels if fitting(scene.bounds) == cell else scene.levels_in(float(cell))
+    levels = scene.levels if own == cell else scene.levels_in(float(cell))
     sheets = Mapper(levels, scene.distance, floor, float(radius), float(height)).sheets()
     return FreeArea(sheets, floor, float(radius), float(height))

@@ -115,7 +115,7 @@ def test_the_head_of_a_task(head: str, word: str, tmp_path: Path, scenectl: Call
 
 def test_task_files_that_are_none(tmp_path: Path, scenectl: Callable[..., object]) -> None:
     one_sentence(scenectl("check", tmp_path / "nope.toml"), "does not exist")
-    one_sentence(scenectl("check", tmp_path), "cannot be read")
+    one_sentence(scenectl("check", tmp_path), "is a folder")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     one_sentence(scenectl("check", tmp_path / "binary.toml"), "cannot be read")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 import torch.nn.functional as F
 from jaxtyping import Int
-from pydantic import BaseModel, ConfigDict
 from torch import Tensor
 
 from scenectl.data.clips import ClipSet
@@ -18,9 +17,10 @@ from scenectl.training.captions import Captions
 from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
 from scenectl.training.placement import Placement
 from scenectl.training.stages import Job
+from scenes.tables import Table
 
 
-class TransformerTraining(BaseModel):
+class TransformerTraining(Table):
     """Settings of the transformer's training.
 
     Attributes:
@@ -30,8 +30,6 @@ class TransformerTraining(BaseModel):
         corrupt: share of prefix tokens replaced by random ones, as its own mistakes will be when it generates.
         smoothing: label smoothing.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     loop: LoopSettings
     min_frames: int = 36
