@@ -29,3 +29,8 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     if near:
         return f"; did you mean '{near[0]}'?"
     return f"; known are {', '.join(known)}" if known else ""
+
+
+def visible(text: str) -> str:
+    """Text with control characters as escapes: a terminal would obey them, and a name could hide behind them."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
