@@ -11,6 +11,10 @@ class UserError(ValueError):
     """Bad input. Its text is one sentence for a person; the command line prints it and exits with 2."""
 
 
+class Remark(UserWarning):
+    """What costs a user something and spoils no result, in one sentence; the command line prints it."""
+
+
 @contextmanager
 def in_doubt(doubts: Callable[[], Iterable[str]]) -> Iterator[None]:
     """UserErrors inside say what is in doubt when they are raised, since that may be their cause."""

@@ -6,10 +6,10 @@ import io
 import os
 import sys
 import warnings
-from pathlib import Path
 from typing import Any
 
-_PACKAGES = Path(__file__).resolve().parents[2]
+from scenes.errors import Remark
+
 _NAMES = {1: "standard output", 2: "standard error"}
 
 
@@ -50,12 +50,9 @@ def _opened(number: int, before: Any) -> io.TextIOWrapper:
     return io.TextIOWrapper(buffered, encoding, errors="backslashreplace", line_buffering=lines)
 
 
-def _warned(message: Any, category: type[Warning], filename: str, *_: Any) -> None:
-    """Our own warnings are for users; those of libraries are for their authors, and shown where -W asks for them."""
-    ours = (
-        Path(filename).is_relative_to(_PACKAGES) and "site-packages" not in Path(filename).relative_to(_PACKAGES).parts
-    )
-    if ours or sys.warnoptions:
+def _warned(message: Any, category: type[Warning], *_: Any) -> None:
+    """A `Remark` is for users; warnings of libraries are for their authors, and shown where -W asks for them."""
+    if issubclass(category, Remark) or sys.warnoptions:
         from scenectl.console.console import err
 
         err.print(f"scenectl: {message}")

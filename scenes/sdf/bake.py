@@ -17,7 +17,7 @@ from typing import Generic, TypeVar
 import numpy as np
 import torch
 
-from scenes.errors import UserError
+from scenes.errors import Remark, UserError
 from scenes.files import atomic_write, sweep
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface, thin_walls
@@ -185,7 +185,7 @@ def _store(path: Path, key: str, result: Bake[Grid]) -> None:
         with atomic_write(path) as file:
             np.savez(file, allow_pickle=False, **facts, **result.grid.arrays())
     except (OSError, UserError) as error:  # a full or read-only disk costs time, not the result
-        warnings.warn(f"the bake could not be cached: {error}", stacklevel=3)
+        warnings.warn(f"the bake could not be cached: {error}", Remark, stacklevel=3)
 
 
 def _load(path: Path, key: str, kind: type[Grid]) -> Bake[Grid] | None:

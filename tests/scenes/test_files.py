@@ -256,9 +256,10 @@ def test_names_as_long_as_names_can_be(tmp_path: Path) -> None:
         assert (tmp_path / name).is_file()
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"PK\x03\x04", b"\x93NUMPY\x01\x00\x10\x00{'descr': (\n", b"\x93NUMPY" + bytes(300)]
-)
+NO_ARRAYS = (b"", b"PK\x03\x04", b"\x93NUMPY\x01\x00\x10\x00{'descr': (\n", b"\x93NUMPY" + bytes(300))
+
+
+@pytest.mark.parametrize("content", NO_ARRAYS)
 def test_whatever_numpy_raises_is_one_sentence(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_bytes(content)
     with pytest.raises(UserError, match="is not a NumPy array"):
