@@ -42,7 +42,7 @@ def sentence(error: ValidationError, data: Any, root: Any, hidden: Collection[st
     if not place.name:
         return f"{message}, not {shown(worst['input'])}"
     message = "a number is missing" if kind == "missing" else message
-    return f"'{place.name}' is {place.given!r}: {message}"
+    return f"'{place.name}' is {shown(place.given)}: {message}"
 
 
 def deepest(error: ValidationError) -> ErrorDetails:
