@@ -50,7 +50,7 @@ def _opened(number: int, before: Any) -> io.TextIOWrapper:
     return io.TextIOWrapper(buffered, encoding, errors="backslashreplace", line_buffering=lines)
 
 
-def _warned(message: Any, category: type[Warning], *_: Any) -> None:
+def _warned(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any, **__: Any) -> None:
     """A `Remark` is for users; warnings of libraries are for their authors, and shown where -W asks for them."""
     if issubclass(category, Remark) or sys.warnoptions:
         from scenectl.console.console import err

@@ -120,7 +120,9 @@ def test_numbers_that_grow_too_large_in_the_networks_precision_are_refused(tmp_p
 
 def test_a_header_nested_beyond_reason_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "w.safetensors"
-    save_file({"weight": torch.zeros(4, 3)}, path, metadata={"scenectl": '{"config":' + "[" * 100_000 + "]" * 100_000 + "}"})
+    save_file(
+        {"weight": torch.zeros(4, 3)}, path, metadata={"scenectl": '{"config":' + "[" * 100_000 + "]" * 100_000 + "}"}
+    )
     with pytest.raises(UserError, match="damaged") as error:
         read_about(path)
     sentence(error, path)

@@ -87,5 +87,3 @@ def test_a_full_disk_costs_time_only(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr("numba.core.caching.IndexDataCacheFile._save_data", full)
     assert made(tmp_path, "full")(3) == 6
-
-
