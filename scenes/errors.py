@@ -11,6 +11,10 @@ class UserError(ValueError):
     """Bad input. Its text is one sentence for a person; the command line prints it and exits with 2."""
 
 
+class Remark(UserWarning):
+    """What costs a user something and spoils no result, in one sentence; the command line prints it."""
+
+
 @contextmanager
 def in_doubt(doubts: Callable[[], Iterable[str]]) -> Iterator[None]:
     """UserErrors inside say what is in doubt when they are raised, since that may be their cause."""
@@ -43,3 +47,8 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     if near:
         return f"; did you mean '{near[0]}'?"
     return f"; known are {', '.join(known)}" if known else ""
+
+
+def visible(text: str) -> str:
+    """Text with control characters as escapes: a terminal would obey them, and a name could hide behind them."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)

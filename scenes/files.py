@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import json
 import os
+import re
+import secrets
 import stat
-import tempfile
 import time
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -25,6 +28,11 @@ MOST_BYTES = 2**30
 mistake, as their numbers alone would fill the memory."""
 MOST_TEXT = 2**24
 """Bytes of a table that a person writes, 16 MB: a task of 100,000 waypoints takes a third of it."""
+_HOST = hashlib.sha256(os.uname().nodename.encode()).hexdigest()[:8]
+_TEMPORARY = re.compile(r"\..+\.([0-9a-f]{8})-[0-9a-f]{16}\.tmp|\.[0-9a-f]{64}\.npz\.[a-z0-9_]{8}\.tmp")
+"""Names of temporary files, which say on which host they are; and what those of cached bakes were called before."""
+_OLD = 3600.0
+"""Seconds without a change after which a temporary file is nobody's, where nothing tells of its process."""
 
 _KINDS = {stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
 
@@ -128,28 +136,92 @@ def atomic_write(path: str | Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """Open a temporary file beside `path` and rename it over `path` when the block ends well.
 
     A crash, a kill or a full disk leaves the old file or the new one, never half of one; of a symbolic link, what it
-    leads to is replaced. Raises UserError, naming `path`, for what the system refuses and for what is no file.
+    leads to is replaced. A new file has the permissions that the user's mask leaves, a replaced one keeps its own.
+    What killed processes left in the folder is swept. Raises UserError, naming `path`, for what the system refuses and
+    for what is no file.
     """
     named, path = path, replaceable(path)
     with writing(named):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        sweep(path.parent)
+        handle, name = _temporary(path)
         try:
-            os.fchmod(handle, 0o644)  # mkstemp makes private files; results are meant to be shared
-            with os.fdopen(handle, mode) as file:
+            with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            os.replace(name, path)
+                os.replace(name, path)  # while it is locked
         except BaseException:
-            Path(name).unlink(missing_ok=True)
+            name.unlink(missing_ok=True)
             raise
+
+
+def _temporary(path: Path) -> tuple[int, Path]:
+    """A new file beside `path`, open and locked for as long as this process lives, and its name."""
+    while True:
+        # Names have 255 bytes at most, and a character up to four.
+        name = path.with_name(f".{path.name[:50]}.{_HOST}-{secrets.token_hex(8)}.tmp")
+        handle = os.open(name, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o666)
+        with suppress(OSError):  # of another owner, or on a file system without permissions
+            os.fchmod(handle, stat.S_IMODE(path.stat().st_mode))
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if name.exists():
+            return handle, name
+        os.close(handle)  # another process took it for a dead one's before it was locked
+
+
+def sweep(folder: str | Path) -> None:
+    """Delete the temporary files of `atomic_write` in a folder whose processes were killed.
+
+    A process holds a lock on its file while it lives. Files of other hosts, whose locks may not be seen here, and those
+    on file systems without locks are deleted when they have not changed for an hour.
+    """
+    with suppress(OSError):  # there is no such folder, or nothing may be read there
+        for entry in list(os.scandir(folder)):
+            if (found := _TEMPORARY.fullmatch(entry.name)) and entry.is_file(follow_symlinks=False):
+                with suppress(OSError):  # another process was faster, or owns it
+                    _sweep(Path(entry.path), here=found[1] == _HOST)
+
+
+def _sweep(path: Path, here: bool) -> None:
+    handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        if here:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()  # while it is locked: it may be so new that its process waits for the lock
+            return
+    except BlockingIOError:
+        return
+    except OSError:  # a file system without locks
+        pass
+    finally:
+        os.close(handle)
+    if time.time() - path.stat().st_mtime > _OLD:
+        path.unlink()
 
 
 def write_json(value: Any, path: str | Path, **settings: Any) -> None:
     """Write JSON; the file is whole or absent."""
     with atomic_write(path, "w") as file:
         json.dump(value, file, indent=1, **settings)
+
+
+@contextmanager
+def reading(what: str | Path, remedy: str) -> Iterator[None]:
+    """Whatever is raised in the block, which reads a file that may hold anything, is a UserError.
+
+    Args:
+        what: names the file, such as "caption file 'x'".
+        remedy: says what to do.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:  # libraries raise many kinds; all mean the same to a user
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise UserError(f"{what} cannot be read ({reason[:200]}); {remedy}") from error
 
 
 def read_arrays(path: str | Path, what: str, build: Callable[[Any], T], remedy: str = "bake again") -> T:
@@ -193,16 +265,6 @@ def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarra
     return array.astype(np.float32)
 
 
-def clear_stale(folder: Path, seconds: float = 3600.0) -> None:
-    """Delete what `atomic_write` left in a folder when its process was killed: temporary files as old as this."""
-    for path in folder.glob(".*.tmp"):
-        try:
-            if time.time() - path.stat().st_mtime > seconds:
-                path.unlink()
-        except OSError:  # another process was faster, or owns it
-            continue
-
-
 def writable_folder(folder: Path) -> None:
     """Make a folder where there is none; raises UserError, before minutes of work, where nothing can be written."""
     if folder.exists() and not folder.is_dir():
@@ -210,3 +272,4 @@ def writable_folder(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if not os.access(folder, os.W_OK):
         raise UserError(f"cannot write into '{folder}': permission denied")
+    sweep(folder)

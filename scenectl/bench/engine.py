@@ -17,7 +17,7 @@ from typing import Any, TypeAlias, TypeVar
 from scenectl.generators.base import Generator, Progress, silent
 from scenectl.version import __version__
 from scenes.errors import UserError
-from scenes.files import atomic_write, writing
+from scenes.files import atomic_write, sweep, writing
 
 Row: TypeAlias = dict[str, Any]
 Result: TypeAlias = dict[str, Any]
@@ -68,6 +68,8 @@ class Engine:
                 the same.
             total: number of cases, where they are made one by one; by default they are all made first.
         """
+        if self.file is not None:
+            sweep(self.file.parent)
         if total is None:
             cases = list(cases)
             total = len(cases)

@@ -8,14 +8,10 @@ from __future__ import annotations
 
 import atexit
 import os
+import signal
 import sys
 from contextlib import suppress
-from typing import Annotated
 
-import typer
-
-from scenectl.console.lazy import group
-from scenectl.version import __version__
 from scenes.errors import UserError
 
 COMMANDS = (
@@ -34,31 +30,15 @@ COMMANDS = (
     "help",
 )
 
-app = typer.Typer(
-    cls=group("scenectl.cli", *COMMANDS),
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    help="A room, a sentence and goals in; a human motion that meets them out.",
-)
-
-
-@app.callback(invoke_without_command=True)
-def _root(version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False) -> None:
-    if version:
-        typer.echo(__version__)
-        raise typer.Exit
-
 
 def main() -> None:
-    """Entry point of the `scenectl` command; exits with 2 for bad input."""
+    """Run the command that the arguments name; exits with 2 for bad input."""
+    from scenectl.cli.root import app  # typer takes a tenth of a second, in which `entry` can be interrupted already
+
     try:
         app(prog_name="scenectl")
     except UserError as error:
         _leave(str(error))
-    except BrokenPipeError:  # `scenectl goals | head` is no fault
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
     except OSError as error:
         name = f" '{error.filename}'" if error.filename else ""
         _leave(f"cannot use{name}: {error.strerror or error}")
@@ -72,14 +52,25 @@ def entry() -> None:
     Taking torch, VTK and their hundreds of thousands of objects apart takes up to a second, and leaves nothing behind
     that the system would not free; what is to be done at the end (`atexit`) is done, and all output is written.
     """
+    from scenectl.cli import interrupts
+
+    interrupts.watch()
+    from scenectl.console import streams
+
+    streams.prepare()
     status: int | str | None = 0
     try:
         main()
     except SystemExit as leaving:
         status = leaving.code
+    except KeyboardInterrupt:
+        status = interrupts.STATUS
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if status == interrupts.STATUS:
+        interrupts.tell()
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # a pipe that was closed, as by `| head`
+        with suppress(OSError, ValueError):  # a disk that was full before
             stream.flush()
     os._exit(status if isinstance(status, int) else int(status is not None))
 

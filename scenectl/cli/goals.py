@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import literal, out, table
+from scenectl.console.console import out, table, titled
 from scenectl.console.options import AllowCode, allow
 
 
@@ -28,11 +28,11 @@ def goals(
         out.print("\nscenectl goals NAME shows its parameters.")
         return
     spec = get_goal(name)
-    out.print(f"[bold]{spec.name}[/bold] ({spec.unit}): {spec.summary}")
+    out.print(titled(spec.name, f" ({spec.unit}): {spec.summary}"))
     lines = table("parameter", "type", "default", "meaning")
     for parameter in spec.parameters.values():
         default = "" if parameter.required else repr(parameter.default)
-        lines.add_row(parameter.name, literal(parameter.type), literal(default), literal(parameter.doc))
+        lines.add_row(parameter.name, parameter.type, default, parameter.doc)
     out.print(lines)
     out.print(
         f"kernel {spec.kernel}, reduction {spec.reduction}, scale {spec.scale:g}, tolerance {spec.tolerance:g} "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scenectl.console.console import out
+from scenectl.console.console import out, titled
 
 
 def scenes() -> None:
@@ -13,6 +13,6 @@ def scenes() -> None:
 
     for name in bundled_names():
         facts = tomllib.loads((BUNDLED / f"{name}.toml").read_text(encoding="utf-8"))
-        out.print(f"[bold]{name}[/bold]: {facts.get('notes', '')}")
+        out.print(titled(name, f": {facts.get('notes', '')}"))
         places = {"start": facts.get("start", {}).get("position"), **facts.get("targets", {}), **facts.get("reach", {})}
-        out.print("   " + "  ".join(f"{key} {value}".replace("[", "\\[") for key, value in places.items() if value))
+        out.print("   " + "  ".join(f"{key} {value}" for key, value in places.items() if value))

@@ -9,18 +9,37 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
+from scenes.errors import visible
 
 if TYPE_CHECKING:
     from scenectl.generators.base import Progress as Tell
 
+
+class _Plain(Console):
+    """Prints text as it is: no markup, no emoji, and control characters as `visible` writes them."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(markup=False, emoji=False, highlight=False, soft_wrap=True, **settings)
+
+    def render_str(self, text: str, **settings: Any) -> Text:
+        return super().render_str(visible(text), **{**settings, "markup": False, "emoji": False})
+
+
 # Tables that go into a file or a pipe are not cut off at the 80 columns that rich assumes there.
-out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 160)
-err = Console(stderr=True, highlight=False, soft_wrap=True)
+out = _Plain(width=None if sys.stdout.isatty() else 160)
+err = _Plain(stderr=True)
 
 
 def literal(text: str) -> str:
-    """Text in which rich shall see no markup."""
-    return text.replace("[", "\\[")
+    """The text: consoles print no markup."""
+    return text
+
+
+def titled(title: str, text: str) -> Text:
+    """A title in bold, and text behind it."""
+    return Text.assemble((visible(title), "bold"), visible(text))
 
 
 @contextmanager
@@ -28,7 +47,7 @@ def bars() -> Iterator[Tell]:
     """A progress bar on standard error for each thing that is done, gone at the end."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description:<34}"), BarColumn(bar_width=30), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:<34}", markup=False), BarColumn(bar_width=30), TimeElapsedColumn())
     with Progress(*columns, console=err, transient=True) as bar:
         current: dict[str, Any] = {}
 
@@ -37,7 +56,7 @@ def bars() -> Iterator[Tell]:
                 for done in current.values():
                     bar.update(done, completed=1.0)
                     bar.stop_task(done)
-                current[what] = bar.add_task(what, total=1.0)
+                current[what] = bar.add_task(visible(what), total=1.0)
             bar.update(current[what], completed=max(0.0, min(1.0, fraction)))
 
         yield tell

@@ -13,16 +13,16 @@ from typing import Any
 
 import torch
 from jaxtyping import Float, Int
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor
 
 from scenectl.data.augment import Augmentation, augmented
-from scenectl.data.corpus import CREDITS, Clip, load_motions
+from scenectl.data.corpus import COLLECTION, CREDITS, Clip, load_motions
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenectl.data.kinds import kind_of
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, sweep
 
 _FORMAT = 7
 """Raised whenever prepared data must be made again."""
@@ -137,18 +137,18 @@ def prepare(
     commercial_only: bool = False,
 ) -> ClipSet:
     """Load, augment and convert a motion folder; kept under `cache` so that a resumed run starts at once."""
-    stamp = (folder / "motions_20fps.npz").stat() if (folder / "motions_20fps.npz").is_file() else None
     key = json.dumps(
         [
             _FORMAT,
             str(folder.resolve()),
-            stamp and [stamp.st_size, int(stamp.st_mtime)],
+            [_content(folder / name) for name in COLLECTION],
             sorted(splits),
             augmentation and augmentation.model_dump(),
             seed,
             commercial_only,
         ]
     )
+    sweep(cache)
     path = cache / f"windows-{hashlib.sha256(key.encode()).hexdigest()[:16]}.safetensors"
     if not path.is_file():
         clips = [c for c in load_motions(folder, splits) if c.commercial_ok or not commercial_only]
@@ -159,6 +159,14 @@ def prepare(
             raise UserError(f"motion folder '{folder}' has no captioned clip in split {' or '.join(splits)}; add some")
         _store(clips, path)
     return _load(path)
+
+
+def _content(path: Path) -> str | None:
+    """Digest of a file; None where there is none, which `load_motions` tells."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _store(clips: Sequence[Clip], path: Path) -> None:
@@ -182,7 +190,7 @@ def _load(path: Path) -> ClipSet:
             about = json.loads(file.metadata()["about"])
             # A copy: rows are read at random for hours, and a mapped file's pages may be evicted in the meantime.
             clips = ClipSet(file.get_tensor("features").clone(), file.get_tensor("starts").clone(), **about)
-    except (SafetensorError, KeyError, TypeError, ValueError, OSError) as error:
+    except Exception as error:  # of many kinds; all mean the same to a user
         raise UserError(f"prepared data '{path}' is damaged; delete it and run again") from error
     if clips.features.shape[-1] != FEATURES:
         raise UserError(f"prepared data '{path}' does not fit this version; delete it and run again")

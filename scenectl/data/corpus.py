@@ -15,6 +15,10 @@ from torch import Tensor
 
 from scenectl.data.features import FPS, canonicalise, mirror, to_uniform_skeleton
 from scenes.errors import UserError
+from scenes.files import reading
+
+COLLECTION = ("motions_20fps.npz", "clips.jsonl")
+"""What a folder of the collection holds."""
 
 MAX_ROOT_ACCELERATION = 50.0
 """m/s^2; a pelvis that accelerates faster is a capture error (a sprinter's stays below 20)."""
@@ -73,16 +77,14 @@ def load_motions(folder: str | Path, splits: Sequence[str] = ("train",)) -> list
         UserError: a file is missing or not of this format.
     """
     folder = Path(folder)
-    for name in ("motions_20fps.npz", "clips.jsonl"):
+    for name in COLLECTION:
         if not (folder / name).is_file():
             raise UserError(f"motion folder '{folder}' has no {name}; see the README of the collection for its layout")
-    try:
+    with reading(f"motion folder '{folder}'", "it is not in the expected format, see the README of the collection"):
         positions = _positions(folder / "motions_20fps.npz")
-        rows = [json.loads(line) for line in (folder / "clips.jsonl").read_text().splitlines() if line.strip()]
+        text = (folder / "clips.jsonl").read_text(encoding="utf-8")
+        rows = [json.loads(line) for line in text.splitlines() if line.strip()]
         clips = [_clip(row, positions[row["id"]]) for row in rows if row["split"] in splits]
-    except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-        reason = f"{type(error).__name__} {error}".splitlines()[0].strip()
-        raise UserError(f"motion folder '{folder}' is not in the expected format ({reason})") from error
     return [clip for clip in clips if clip.frames >= 2 and not _has_spike(clip.joints)]
 
 

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from scenectl.data.features import FEATURES, FPS
 from scenes.errors import UserError, did_you_mean
-from scenes.files import read_array
+from scenes.files import read_array, reading
 
 SPLITS = ("train", "val", "test")
 LICENCE = "HumanML3D (MIT) on AMASS (non-commercial research)"
@@ -91,7 +91,8 @@ class HumanML3D:
         path = self.folder / f"{split}.txt"
         if not path.is_file():
             raise UserError(f"HumanML3D folder '{self.folder}' has no {split}.txt, the list of ids of that split")
-        return path.read_text(encoding="utf-8").split()
+        with reading(f"list of ids '{path}'", "make it again with the data set's own notebooks"):
+            return path.read_text(encoding="utf-8").split()
 
     def clips(
         self, split: str, min_frames: int = 40, max_frames: int = 199, mirrored: bool = True
@@ -146,10 +147,8 @@ def read_captions(path: str | Path) -> list[Caption]:
         UserError: the file is missing, a line is not ``caption#tokens#start#end`` (it is named), or there is none.
     """
     path = Path(path)
-    try:
+    with reading(f"caption file '{path}'", "fetch the data set's own again"):
         lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"caption file '{path}' cannot be read ({error})") from error
     captions = [_caption(line, f"caption file '{path}', line {i}") for i, line in enumerate(lines, 1) if line.strip()]
     if not captions:
         raise UserError(f"caption file '{path}' holds no caption")

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from scenectl.data.augment import Augmentation
 from scenectl.data.clips import ClipSet, prepare
+from scenectl.data.corpus import COLLECTION
 from scenectl.data.humanml3d import LICENCE, SPLITS, FeatureClip, HumanML3D
 from scenes.errors import UserError
 
-COLLECTION = ("motions_20fps.npz", "clips.jsonl")
 HUMANML3D = ("new_joint_vecs", "texts", *(f"{split}.txt" for split in SPLITS), "Mean.npy", "Std.npy")
-"""What each kind of folder holds."""
+"""What such a folder holds."""
 
 
 def is_humanml3d(folder: Path) -> bool:

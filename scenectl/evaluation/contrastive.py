@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
 from scenectl.evaluation import SHIPPED
@@ -29,8 +30,8 @@ class ContrastiveConfig(BaseModel):
 
     motion: EncoderConfig = EncoderConfig()
     text: str = "minilm"
-    text_dim: int = 384
-    hidden: int = 256
+    text_dim: Annotated[int, Field(ge=1, le=2**14)] = 384
+    hidden: Annotated[int, Field(ge=1, le=2**14)] = 256
 
 
 class Contrastive(nn.Module):

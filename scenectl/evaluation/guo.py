@@ -12,7 +12,6 @@ A folder holds, under their published names:
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +26,7 @@ from scenectl.data.features import CONTACTS, FEATURES, GROUPS, POSITIONS, ROTATI
 from scenectl.evaluation.guo_text import CLASSES, WORD, Vocabulary, read_floats, read_tagged, tokens_of
 from scenectl.evaluation.motions import LONGEST, STRIDE, Padded
 from scenes.errors import UserError
+from scenes.files import reading
 
 PARTS = ("movement_encoder", "motion_encoder", "text_encoder")
 OUT = 512
@@ -169,16 +169,12 @@ def check_normalisation(std: Float[Tensor, "263"], path: Path) -> None:
 
 def _fill(network: GuoNetwork, path: Path) -> None:
     """Read the published archive; `weights_only` lets it hold tensors and numbers, and run nothing."""
-    try:
+    if not path.is_file():
+        raise UserError(f"weights '{path}' do not exist; fetch text_mot_match/model/finest.tar of Guo et al.")
+    with reading(f"weights '{path}'", "they are no torch archive of plain tensors; fetch them again"):
         archive = torch.load(path, map_location="cpu", weights_only=True)
-    except FileNotFoundError:
-        raise UserError(f"weights '{path}' do not exist; fetch text_mot_match/model/finest.tar of Guo et al.") from None
-    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
-        raise UserError(f"weights '{path}' are no torch archive of plain tensors; fetch them again") from error
-    try:
+    with reading(f"weights '{path}'", "they are not those of the evaluator of Guo et al.; fetch them again"):
         for name in PARTS:
             network.get_submodule(name).load_state_dict(archive[name])
-    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
-        raise UserError(f"weights '{path}' are not those of the evaluator of Guo et al.; fetch them again") from error
     if not all(bool(torch.isfinite(p).all()) for p in network.parameters()):
         raise UserError(f"weights '{path}' hold numbers that are not finite; fetch them again")

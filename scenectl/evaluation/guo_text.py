@@ -16,7 +16,7 @@ from torch import Tensor
 
 from scenectl.data.humanml3d import read_captions
 from scenes.errors import UserError
-from scenes.files import read_array
+from scenes.files import read_array, reading
 
 WORD = 300
 MOST_WORDS = 20
@@ -67,12 +67,10 @@ class Vocabulary:
         """
         words = folder / "our_vab_words.txt"
         vectors = read_floats(folder / "our_vab_data.npy", WORD, "[V, 300]")
-        try:
+        if not words.is_file():
+            raise UserError(f"list of words '{words}' does not exist; make it in that folder: {CONVERT}")
+        with reading(f"list of words '{words}'", f"make it again: {CONVERT}"):
             names = words.read_text(encoding="utf-8").splitlines()
-        except FileNotFoundError:
-            raise UserError(f"list of words '{words}' does not exist; make it in that folder: {CONVERT}") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise UserError(f"list of words '{words}' cannot be read ({error})") from error
         rows = {name: i for i, name in enumerate(names)}
         if len(rows) != len(vectors) or not {_START, _END, _UNKNOWN} <= rows.keys():
             raise UserError(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
 from scenectl.data.features import FEATURES
@@ -49,10 +50,10 @@ class EncoderConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    width: int = 192
-    depth: int = 3
-    out: int = 128
-    dropout: float = 0.2
+    width: Annotated[int, Field(ge=1, le=2**14)] = 192
+    depth: Annotated[int, Field(ge=0, le=256)] = 3
+    out: Annotated[int, Field(ge=1, le=2**14)] = 128
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.2
 
 
 class MotionEncoder(nn.Module):

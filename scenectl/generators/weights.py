@@ -63,15 +63,21 @@ class Weights:
         write_json(table, self.folder / MANIFEST)
 
 
-class _Manifest(BaseModel):
+class _Header(BaseModel):
+    """What stands in the header of a file, about all parts."""
+
+    family: str = DEFAULT
+    config: dict[str, Any]
+    licence: str
+    credits: list[str] = []
+
+
+class _Manifest(_Header):
     """What `manifest.json` holds."""
 
     format: int = FORMAT
     family: str
     parts: dict[str, str]
-    config: dict[str, Any]
-    licence: str
-    credits: list[str] = []
 
 
 def bundled_weights() -> list[str]:
@@ -133,9 +139,9 @@ def _by_headers(folder: Path) -> Weights:
         raise UserError(f"'{folder}' holds no weights: neither a manifest.json nor a .safetensors file")
     first = about.get("tokenizer") or next(iter(about.values()))
     try:
-        config, licence = dict(first["config"]), str(first["licence"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"weights in '{folder}' describe no model: no config, no licence; copy them anew") from error
+        table = _Header.model_validate(first)
+    except ValidationError as error:
+        reason = sentence(error, first, _Header)
+        raise UserError(f"weights in '{folder}' describe no model ({reason}); copy them anew") from error
     parts_of = {name: folder / f"{name}.safetensors" for name in about}
-    family = str(first.get("family", DEFAULT))
-    return Weights(folder, family, parts_of, config, licence, tuple(map(str, first.get("credits", ()))))
+    return Weights(folder, table.family, parts_of, table.config, table.licence, tuple(table.credits))

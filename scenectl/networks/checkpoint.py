@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 from pydantic import ValidationError
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save
 from torch import nn
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
+from scenes.validation import sentence
 
 M = TypeVar("M", bound=nn.Module)
 
@@ -47,7 +49,7 @@ def read_about(path: str | Path) -> dict[str, Any]:
         with safe_open(path, framework="pt") as file:
             about: dict[str, Any] = dict(json.loads((file.metadata() or {})[_KIND]))
             return about
-    except (SafetensorError, KeyError, ValueError, TypeError, OSError) as error:
+    except Exception as error:  # of many kinds; all mean the same to a user
         raise UserError(f"weights '{path}' are not a scenectl checkpoint or are damaged ({error})") from error
 
 
@@ -56,18 +58,42 @@ def load_network(path: Path, build: Callable[[Any], M], what: str) -> M:
 
     Args:
         path: file of the weights.
-        build: the network for a configuration; raises KeyError, TypeError or ValidationError for another network's.
+        build: the network for a configuration; raises what it will for another network's.
         what: the network, in words.
 
     Raises:
         UserError: weights are missing, damaged, or of another network.
     """
-    try:
-        network = build(read_about(path)["config"])
-    except (KeyError, TypeError, ValidationError) as error:
-        raise UserError(f"weights '{path}' describe no {what}; train it again or name another folder") from error
+    network = untrained(path, lambda: build(read_about(path)["config"]), what)
     load_weights(network, path)
     return network.eval().requires_grad_(False)
+
+
+def untrained(path: Path, build: Callable[[], M], what: str) -> M:
+    """A network as it is built, whose shapes are those in a file: they are compared before it takes memory.
+
+    Args:
+        path: file of the weights.
+        build: the network of the configuration that stands with them.
+        what: the network, in words.
+
+    Raises:
+        UserError: the configuration describes no such network, or one of other shapes.
+    """
+    try:
+        with torch.device("meta"):
+            shapes = {name: list(tensor.shape) for name, tensor in build().state_dict().items()}
+    except UserError:
+        raise
+    except Exception as error:  # what networks raise for sizes that cannot be is anything
+        reason = sentence(error, None, None) if isinstance(error, ValidationError) else _first_line(error)
+        raise UserError(
+            f"weights '{path}' describe no {what} ({reason}); train it again or name another folder"
+        ) from error
+    with _opened(path) as file:
+        if {name: file.get_slice(name).get_shape() for name in file.keys()} != shapes:  # noqa: SIM118 - not a dict
+            raise UserError(f"weights '{path}' belong to a network of another shape; check its config")
+    return build()
 
 
 def load_weights(module: nn.Module, path: str | Path) -> None:
@@ -75,13 +101,27 @@ def load_weights(module: nn.Module, path: str | Path) -> None:
     path = Path(path)
     read_about(path)
     wanted = module.state_dict()
-    try:
-        with safe_open(path, framework="pt") as file:
-            state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-    except (SafetensorError, OSError) as error:
-        raise UserError(f"weights '{path}' are damaged ({error})") from error
+    with _opened(path) as file:
+        state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
     if state.keys() != wanted.keys() or any(state[n].shape != wanted[n].shape for n in wanted):
         raise UserError(f"weights '{path}' belong to a network of another shape; check its config")
-    if not all(bool(torch.isfinite(t).all()) for t in state.values() if t.is_floating_point()):
+    state = {name: tensor.to(wanted[name].dtype) for name, tensor in state.items()}
+    if not all(bool(torch.isfinite(t).all()) for t in state.values()):
         raise UserError(f"weights '{path}' hold numbers that are not finite; train again or fetch them again")
-    module.load_state_dict({name: tensor.to(wanted[name].dtype) for name, tensor in state.items()})
+    module.load_state_dict(state)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A safetensors file; raises UserError for a damaged one."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            yield file
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(f"weights '{path}' are damaged ({_first_line(error)})") from error
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

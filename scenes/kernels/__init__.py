@@ -13,6 +13,7 @@ import inspect
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from threading import RLock
@@ -29,6 +30,43 @@ _VERSION = _digest()
 
 
 _LOCK = RLock()
+
+
+class _Disk:
+    """numba's cache on disk of a function's machine code, where what fails costs time and nothing else.
+
+    numba itself raises where no folder can be written, where the disk is full, and where a file is damaged.
+    """
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    @classmethod
+    def of(cls, function: Callable[..., Any]) -> Any:
+        """The cache of a function; one that holds nothing where there is no folder for it."""
+        from numba.core.caching import FunctionCache, NullCache
+
+        try:
+            return cls(FunctionCache(function))
+        except Exception:
+            return NullCache()
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """The machine code for a signature, or None."""
+        try:
+            return self._cache.load_overload(signature, context)
+        except Exception:  # what damaged files raise is anything; they are written anew
+            with suppress(Exception):
+                self._cache.flush()
+            return None
+
+    def save_overload(self, signature: Any, made: Any) -> None:
+        """Keep it where that can be done."""
+        with suppress(Exception):
+            self._cache.save_overload(signature, made)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
 
 
 class Kernel:
@@ -53,8 +91,10 @@ class Kernel:
             import numba
 
             options = {"fastmath": self._fastmath, "forceinline": self._inline, "error_model": "numpy"}
-            self.__dict__["compiled"] = numba.njit(cache=True, nogil=True, **options)(self._plain)
-            return self.__dict__["compiled"]
+            compiled = numba.njit(nogil=True, **options)(self._plain)
+            compiled._cache = _Disk.of(self._plain)
+            self.__dict__["compiled"] = compiled
+            return compiled
 
     @property
     def _numba_type_(self) -> Any:
@@ -65,7 +105,8 @@ class Kernel:
 def kernel(function: Callable[..., Any], *, inline: bool = False, fastmath: bool | set[str] = False) -> Any:
     """Compile a function when it is first called; the machine code stays on disk beside its source.
 
-    Where that folder cannot be written, numba keeps the code in the user's cache folder.
+    Where that folder cannot be written, numba keeps the code in the user's cache folder, and nowhere where that cannot
+    be written either.
 
     Args:
         function: takes arrays and numbers only, without annotations.
@@ -88,6 +129,15 @@ def workers(stated: int | None = None) -> int:
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="scenes")
+
+
+def _forked() -> None:
+    """Threads stay with the parent: a child takes new ones, and waits for no lock that one of them held."""
+    _pool.cache_clear()
+    _LOCK._at_fork_reinit()  # type: ignore[attr-defined]
+
+
+os.register_at_fork(after_in_child=_forked)
 
 
 def spans(work: Callable[[int, int], Any], count: int, size: int, threads: int | None = None) -> None:

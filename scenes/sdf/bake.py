@@ -17,8 +17,8 @@ from typing import Generic, TypeVar
 import numpy as np
 import torch
 
-from scenes.errors import UserError
-from scenes.files import atomic_write, clear_stale, unreadable
+from scenes.errors import Remark, UserError
+from scenes.files import atomic_write, sweep, unreadable
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.surface import Surface, thin_walls
 from scenes.sdf.blocks import SdfBlocks
@@ -75,9 +75,16 @@ class Bake(Generic[Grid]):
 
 
 def default_cache() -> Path:
-    """Folder of cached bakes: ``$SCENECTL_CACHE``, or the platform's cache folder."""
+    """Folder of cached bakes: ``$SCENECTL_CACHE``, or the platform's cache folder.
+
+    Raises:
+        UserError: the variable names the home of a user who does not exist.
+    """
     if stated := os.environ.get("SCENECTL_CACHE"):
-        return Path(stated).expanduser() / "bakes"
+        try:
+            return Path(stated).expanduser() / "bakes"
+        except RuntimeError:
+            raise UserError(f"SCENECTL_CACHE is '{stated}': there is no such user; name a folder") from None
     from platformdirs import user_cache_path
 
     return user_cache_path("scenectl") / "bakes"
@@ -152,6 +159,8 @@ def _key(mesh: Mesh, lattice: Lattice, free_space: FreeSpace, thickness: float) 
 def cached(cache: Cache, key: str, kind: type[Grid], make: Callable[[], Bake[Grid]]) -> Bake[Grid]:
     """The bake that a folder keeps under a key, or else made and kept there; `kind` is its grid's class."""
     folder = default_cache() if cache == "default" else cache
+    if folder is not None:
+        sweep(folder)
     path = None if folder is None else Path(folder) / f"{key}.npz"
     if path is not None and (found := _load(path, key, kind)) is not None:
         return found
@@ -175,9 +184,8 @@ def _store(path: Path, key: str, result: Bake[Grid]) -> None:
     try:
         with atomic_write(path) as file:
             np.savez(file, allow_pickle=False, **facts, **result.grid.arrays())
-        clear_stale(path.parent)
     except (OSError, UserError) as error:  # a full or read-only disk costs time, not the result
-        warnings.warn(f"the bake could not be cached: {error}", stacklevel=3)
+        warnings.warn(f"the bake could not be cached: {error}", Remark, stacklevel=3)
 
 
 _KINDS = {

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import signal
+import stat
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +20,7 @@ import torch
 from scenectl.bench.engine import Engine
 from scenectl.export.bvh import write_bvh
 from scenes.errors import UserError
-from scenes.files import atomic_write, write_json
+from scenes.files import atomic_write, read_array, sweep, write_json
 from scenes.mesh.primitives import Box
 from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
@@ -51,14 +55,13 @@ WRITES: dict[str, Callable[[Path], Any]] = {
 def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Temporary files can be made, as an inode costs nothing, and nothing fits into them."""
 
-    def made(dir: Path, prefix: str, suffix: str) -> tuple[int, str]:
-        name = Path(dir, f"{prefix}0{suffix}")
+    def made(path: Path) -> tuple[int, Path]:
+        name = path.with_name(f".{path.name}.0.tmp")
         name.touch()
-        return os.open("/dev/full", os.O_WRONLY), str(name)
+        return os.open("/dev/full", os.O_WRONLY), name
 
     with monkeypatch.context() as patch:
-        patch.setattr(tempfile, "mkstemp", made)
-        patch.setattr(os, "fchmod", lambda handle, mode: None)  # the device's own mode is none of ours
+        patch.setattr("scenes.files._temporary", made)
         yield
 
 
@@ -104,7 +107,7 @@ def test_what_is_no_file_is_never_replaced(name: str, tmp_path: Path, monkeypatc
     pipe, link = tmp_path / name, tmp_path / f"link to {name}"
     os.mkfifo(pipe)
     link.symlink_to(pipe)
-    monkeypatch.setattr(tempfile, "mkstemp", None)  # nothing is written beside it either
+    monkeypatch.setattr("scenes.files._temporary", None)  # nothing is written beside it either
     for path in (pipe, link):
         with pytest.raises(UserError, match=rf"cannot write '.*{name}': it is a pipe; give the path of a file"):
             WRITES[name](path)
@@ -140,3 +143,124 @@ def test_rows_that_a_bench_keeps_name_their_file(tmp_path: Path) -> None:
     (tmp_path / "bench.json.rows").symlink_to("/dev/full")
     with pytest.raises(UserError, match=r"cannot write '.*bench.json.rows': No space left on device"):
         engine.run([("one", 1)], lambda case: [{"n": case}], lambda rows: {}, {})
+
+
+WRITER = """
+import sys, time
+from scenes.files import atomic_write
+with atomic_write(sys.argv[1]) as file:
+    file.write(bytes(100_000)), file.flush(), print("writing", flush=True)
+    time.sleep(60)
+"""
+
+
+@contextmanager
+def writer(path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A process in the middle of writing a file."""
+    process = subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    with process:
+        assert process.stdout.readline() == "writing\n"
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def temporary(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir() if path.suffix == ".tmp"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_what_a_killed_process_left_is_swept_at_the_next_write_and_what_a_living_one_writes_is_not(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    with writer(tmp_path / "alive.bin") as alive:
+        (living,) = temporary(tmp_path)
+        with writer(tmp_path / "report.json") as killed:
+            assert len(temporary(tmp_path)) == 2
+            killed.send_signal(number)
+            killed.wait()
+        assert len(temporary(tmp_path)) == 2
+        write_json({}, tmp_path / "other.json")
+        assert temporary(tmp_path) == [living] and alive.poll() is None
+    sweep(tmp_path)
+    assert os.listdir(tmp_path) == ["other.json"]
+
+
+def test_an_interrupted_process_sweeps_its_own_file(tmp_path: Path) -> None:
+    with writer(tmp_path / "report.json") as interrupted:
+        interrupted.send_signal(signal.SIGINT)
+        interrupted.wait()
+    assert os.listdir(tmp_path) == []
+
+
+def test_files_of_other_hosts_are_swept_when_they_are_old_and_files_of_other_programs_never(tmp_path: Path) -> None:
+    with atomic_write(tmp_path / "a.bin"):
+        (own,) = temporary(tmp_path)
+    elsewhere = own.rpartition(".tmp")[0][:-25] + "0123abcd-0123456789abcdef.tmp"
+    others = [".a.bin.swp.tmp", ".config.tmp", "a.tmp", ".a.bin.0123abcd.tmp"]
+    for name in (elsewhere, *others):
+        (tmp_path / name).touch()
+    sweep(tmp_path)
+    assert elsewhere in os.listdir(tmp_path)
+    for name in (elsewhere, *others):
+        os.utime(tmp_path / name, (time.time() - 7200,) * 2)
+    sweep(tmp_path)
+    assert sorted(os.listdir(tmp_path)) == sorted(["a.bin", *others])
+
+
+def test_where_nothing_can_be_locked_only_age_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unsupported(*_: Any) -> None:
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", unsupported)
+    with atomic_write(tmp_path / "a.bin"):
+        (own,) = temporary(tmp_path)
+        sweep(tmp_path)
+        assert temporary(tmp_path) == [own]
+        os.utime(tmp_path / own, (0, 0))
+        sweep(tmp_path)
+        assert temporary(tmp_path) == []
+        (tmp_path / own).touch()
+
+
+def test_writers_and_sweepers_at_once_never_lose_a_file(tmp_path: Path) -> None:
+    code = (
+        "import sys; from scenes.files import write_json\n"
+        "for i in range(150): write_json([i], f'{sys.argv[1]}/{sys.argv[2]}-{i}.json')"
+    )
+    children = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path), str(n)]) for n in range(3)]
+    while any(child.poll() is None for child in children):
+        sweep(tmp_path)
+    assert [child.returncode for child in children] == [0, 0, 0]
+    assert len(list(tmp_path.iterdir())) == 450
+
+
+def test_the_users_mask_holds_and_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path) -> None:
+    for mask in (0o022, 0o077, 0o002):
+        before = os.umask(mask)
+        try:
+            write_json({}, tmp_path / f"{mask}.json")
+        finally:
+            os.umask(before)
+        assert stat.S_IMODE((tmp_path / f"{mask}.json").stat().st_mode) == 0o666 & ~mask
+    (tmp_path / "18.json").chmod(0o640)
+    write_json([1], tmp_path / "18.json")
+    assert stat.S_IMODE((tmp_path / "18.json").stat().st_mode) == 0o640
+
+
+def test_names_as_long_as_names_can_be(tmp_path: Path) -> None:
+    for name in ("x" * 250 + ".json", "\N{SNOWMAN}" * 80 + ".json"):
+        write_json({}, tmp_path / name)
+        assert (tmp_path / name).is_file()
+
+
+NO_ARRAYS = (b"", b"PK\x03\x04", b"\x93NUMPY\x01\x00\x10\x00{'descr': (\n", b"\x93NUMPY" + bytes(300))
+
+
+@pytest.mark.parametrize("content", NO_ARRAYS)
+def test_whatever_numpy_raises_is_one_sentence(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.npy").write_bytes(content)
+    with pytest.raises(UserError, match="is not a NumPy array"):
+        read_array(tmp_path / "a.npy", "file", "[T]", "make it again")

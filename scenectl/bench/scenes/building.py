@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.bench.process import environment, python
 from scenectl.generators.base import Progress
 from scenectl.threads import threads
 from scenes.errors import UserError
@@ -174,8 +175,8 @@ def _measured(spacing: float, width: float, seed: int, progress: Progress) -> Ro
     with tempfile.TemporaryDirectory() as folder:
         where = Path(folder) / "blocks.npz"
         progress("baking", 0.1)
-        call = [sys.executable, "-m", "scenectl.bench.scenes.building", str(where), str(spacing), str(width), str(seed)]
-        done = subprocess.run(call, capture_output=True, text=True, check=False)
+        call = python("-m", "scenectl.bench.scenes.building", str(where), str(spacing), str(width), str(seed))
+        done = subprocess.run(call, env=environment(), capture_output=True, text=True, check=False)
         if done.returncode:
             raise UserError(f"the building could not be baked: {(done.stderr.strip().splitlines() or ['killed'])[-1]}")
         facts = json.loads(done.stdout)

@@ -7,7 +7,6 @@ triangles and the same nodes, around the middle of the cube, where single precis
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from scenectl.bench.process import environment, python
 
 CHUNK = 2**20
 """Nodes that are asked at once, of tools that answer points and keep what they built from the mesh."""
@@ -245,14 +246,9 @@ class Run:
 
 def timed(tool: str, cube: Path, grid: Path, timeout: float | int) -> Run:
     """Bake the cube in the file `cube` with `tool` in a fresh process, which leaves the values in the file `grid`."""
-    root = str(Path(__file__).resolve().parents[3])
-    paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
-    # -P: this file's folder has modules whose names others use.
-    command = [sys.executable, "-P", __file__, tool, str(cube), str(grid)]
+    command = python(__file__, tool, str(cube), str(grid))  # this file's folder has modules whose names others use
     try:
-        done = subprocess.run(
-            command, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, timeout=timeout
-        )
+        done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=timeout)
     except subprocess.TimeoutExpired:
         return Run(note=f"over {timeout:g} s")
     if done.returncode != 0:

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.bench.process import environment, python
 from scenectl.threads import threads
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
@@ -141,8 +142,8 @@ def _measured(
 
 def _measured_elsewhere(asked: tuple[Any, ...]) -> Any:
     """The same from a process of its own, for `COMPARED` alone."""
-    call = [sys.executable, "-m", "scenectl.bench.scenes.query", json.dumps((*asked, COMPARED))]
-    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    call = python("-m", "scenectl.bench.scenes.query", json.dumps((*asked, COMPARED)))
+    done = subprocess.run(call, env=environment(), capture_output=True, text=True, check=False)
     if done.returncode:
         raise UserError(f"a process could not measure: {(done.stderr.strip().splitlines() or ['killed'])[-1]}")
     return json.loads(done.stdout.splitlines()[-1])

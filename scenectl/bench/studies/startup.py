@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.bench.process import environment, python
 from scenectl.generators.base import Progress
 from scenes.errors import UserError
 
@@ -107,7 +107,7 @@ def _process(name: str, words: list[str], first: str) -> str:
         {} if name != "completion" else {"_SCENECTL_COMPLETE": "complete_bash", "COMP_WORDS": "sc", "COMP_CWORD": "1"}
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, *words], env={**os.environ, **more}, capture_output=True, text=True, check=False
+        python("-c", code, *words), env={**environment(), **more}, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
         lines = [line for line in done.stderr.strip().splitlines() if not line.startswith("imported ")] or [""]

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.bench.process import environment, python
 from scenectl.bench.scenes.query import machine
 from scenectl.generators.base import Progress
 from scenectl.tasks.task import load_task
@@ -127,10 +128,10 @@ class _Worker:
 @contextmanager
 def _worker(task: str | Path, samples: int | None, threads: int | None, wait: str | None) -> Iterator[_Worker]:
     """A process for one setting; it ends with the block."""
-    plain = {key: value for key, value in os.environ.items() if not key.startswith(("OMP_", "GOMP_", "MKL_"))}
+    plain = {key: value for key, value in environment().items() if not key.startswith(("OMP_", "GOMP_", "MKL_"))}
     code = "from scenectl.bench.studies.threads import work; work()"
     process = subprocess.Popen(
-        [sys.executable, "-c", code, str(task), json.dumps(samples), json.dumps(threads)],
+        python("-c", code, str(task), json.dumps(samples), json.dumps(threads)),
         env=plain if wait is None else {**plain, "OMP_WAIT_POLICY": wait},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -165,7 +166,7 @@ def work() -> None:
 @contextmanager
 def _busy(count: int) -> Iterator[None]:
     """So many processes that only compute."""
-    children = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(count)]
+    children = [subprocess.Popen(python("-S", "-c", "while True: pass")) for _ in range(count)]
     time.sleep(SETTLE)
     try:
         yield

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -14,9 +15,10 @@ from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
 from scenectl.generators.weights import Weights
-from scenectl.networks.checkpoint import load_weights, read_about
+from scenectl.networks.checkpoint import load_weights, read_about, untrained
 from scenectl.networks.text import TextEncoder, load_text_encoder
 from scenes.errors import UserError
+from scenes.validation import sentence
 
 PARTS = ("tokenizer", "transformer", "refiner")
 METRIC = "metric"
@@ -48,12 +50,10 @@ def load_bundle(weights: Weights, with_metric: bool = True) -> Bundle:
         weights: a folder, described.
         with_metric: read the metric, too, where there is one.
     """
-    config = _config(weights.config)
-    if config is None:
-        raise UserError(f"weights in '{weights.folder}' describe no model of this family; copy them anew")
+    config = _config(weights.config, weights.folder)
     if any(_config_of(weights, part) != config for part in PARTS):
         raise UserError(f"weights in '{weights.folder}' belong to different models; copy all files from one training")
-    networks = build(config)
+    networks = build(config, lambda part, make: untrained(weights.part(part), make, part))
     for part, module in zip(PARTS, networks, strict=True):
         load_weights(module, weights.part(part))
         module.eval().requires_grad_(False)
@@ -74,27 +74,39 @@ def _metric(weights: Weights, config: ModelConfig) -> Preconditioner | None:
     path = weights.part(METRIC)
     if _config_of(weights, METRIC) != config:
         raise UserError(f"'{path}' belongs to another model; measure it anew with 'scenectl train metric'")
-    metric = Preconditioner(config.tokenizer.code_dim, len(config.tokenizer.scales))
+    dim, scales = config.tokenizer.code_dim, len(config.tokenizer.scales)
+    metric = untrained(path, lambda: Preconditioner(dim, scales), METRIC)
     load_weights(metric, path)
     return metric.requires_grad_(False)
 
 
-def _config_of(weights: Weights, part: str) -> ModelConfig | None:
+def _config_of(weights: Weights, part: str) -> ModelConfig:
     """What a part's own header says; raises UserError for a damaged one."""
-    return _config(read_about(weights.part(part)).get("config"))
+    path = weights.part(part)
+    return _config(read_about(path).get("config"), path)
 
 
-def _config(given: Mapping[str, Any] | None) -> ModelConfig | None:
-    """A configuration with today's defaults for fields that it does not know; None where it is no MSCoT's."""
+def _config(given: Any, where: Path) -> ModelConfig:
+    """A configuration with today's defaults for fields that it does not know; raises UserError for no MSCoT's."""
     try:
         return ModelConfig.model_validate(given)
-    except ValidationError:
-        return None
+    except ValidationError as error:
+        reason = sentence(error, given, ModelConfig)
+        raise UserError(f"weights in '{where}' describe no model of this family ({reason}); copy them anew") from error
 
 
-def build(config: ModelConfig) -> tuple[Tokenizer, ScaleTransformer, Refiner]:
-    """The three networks, untrained."""
-    tokenizer = Tokenizer(config.tokenizer)
+def build(
+    config: ModelConfig, each: Callable[[str, Callable[[], Any]], Any] = lambda part, make: make()
+) -> tuple[Tokenizer, ScaleTransformer, Refiner]:
+    """The three networks, untrained.
+
+    Args:
+        config: their sizes.
+        each: makes one, given which of `PARTS` it is, and how; by default without more ado.
+    """
     codes, dim, scales = config.tokenizer.codes, config.tokenizer.code_dim, len(config.tokenizer.scales)
-    transformer = ScaleTransformer(config.transformer, codes, dim, scales)
-    return tokenizer, transformer, Refiner(config.refiner, dim, scales)
+    return (
+        each("tokenizer", lambda: Tokenizer(config.tokenizer)),
+        each("transformer", lambda: ScaleTransformer(config.transformer, codes, dim, scales)),
+        each("refiner", lambda: Refiner(config.refiner, dim, scales)),
+    )

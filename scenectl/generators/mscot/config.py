@@ -2,12 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from itertools import pairwise
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 BASE_SCALES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16)
 """Tokens at each scale for 64 frames (MSCoT, appendix B.2)."""
+
+
+Width = Annotated[int, Field(ge=1, le=2**14)]
+Count = Annotated[int, Field(ge=1, le=256)]
+"""Bounded, as a configuration comes from a file: what it describes is laid out, which takes time and no memory, before
+it is compared with the shapes in the file."""
+
+
+def _growing(scales: tuple[int, ...]) -> tuple[int, ...]:
+    if any(a > b for a, b in pairwise(scales)):
+        raise ValueError(f"scales must never decrease, not {list(scales)}")
+    return scales
+
+
+Scales = Annotated[tuple[Count, ...], Field(min_length=1, max_length=64), AfterValidator(_growing)]
+
+
+class _Attentive(BaseModel):
+    """Width and heads of a network whose tokens attend to one another, at places that sinusoids tell."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    width: Width
+    heads: Count
+
+    @model_validator(mode="after")
+    def _divisible(self) -> _Attentive:
+        if self.width < 4 or self.width % 2 or self.width % self.heads:
+            raise ValueError(f"width is {self.width}; give an even multiple of the {self.heads} heads, from 4 on")
+        return self
 
 
 class TokenizerConfig(BaseModel):
@@ -27,19 +58,19 @@ class TokenizerConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    width: int = 512
-    depth: int = 3
-    dilation_growth: int = 3
-    code_dim: int = 512
-    codes: int = 1024
+    width: Width = 512
+    depth: Annotated[int, Field(ge=0, le=8)] = 3
+    dilation_growth: Annotated[int, Field(ge=1, le=8)] = 3
+    code_dim: Width = 512
+    codes: Annotated[int, Field(ge=1, le=2**17)] = 1024
     shared_codebook: bool = True
-    scales: tuple[int, ...] = BASE_SCALES
-    scale_convs: int = 8
+    scales: Scales = BASE_SCALES
+    scale_convs: Count = 8
     normalised: bool = True
     down: Literal["linear", "area"] = "linear"
 
 
-class TransformerConfig(BaseModel):
+class TransformerConfig(_Attentive):
     """Scale-wise transformer.
 
     Attributes:
@@ -49,17 +80,15 @@ class TransformerConfig(BaseModel):
         prefix: what a scale sees of the one before: its codes alone (the paper), or the sum of all scales so far.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    width: int = 384
-    layers: int = 6
-    heads: int = 6
-    text_dim: int = 512
-    dropout: float = 0.1
+    width: Width = 384
+    layers: Count = 6
+    heads: Count = 6
+    text_dim: Width = 512
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1
     prefix: Literal["previous", "cumulative"] = "previous"
 
 
-class RefinerConfig(BaseModel):
+class RefinerConfig(_Attentive):
     """Token refiner: a small network over the tokens of one scale.
 
     Attributes:
@@ -67,11 +96,9 @@ class RefinerConfig(BaseModel):
         kind: a transformer encoder, or a perceptron that looks at every token alone (Table 14).
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    width: int = 256
-    layers: int = 2
-    heads: int = 4
+    width: Width = 256
+    layers: Count = 2
+    heads: Count = 4
     kind: Literal["transformer", "mlp"] = "transformer"
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -155,3 +159,33 @@ def test_beginnings_and_overlapping_windows_are_cut_from_whole_clips() -> None:
     for cut in (beginnings, overlapping):
         with pytest.raises(UserError, match="500 frames"):
             cut(data, 500)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("licence", "CC BY-NC 9.0"), ("commercial_ok", False), ("captions", [{"text": "a person hops"}])]
+)
+def test_an_edited_table_of_clips_is_read_again(key: str, value: object, tmp_path: Path) -> None:
+    folder, cache = walks(tmp_path / "data"), tmp_path / "cache"
+    before = prepare(folder, ["train"], None, cache, 0)
+    table = folder / "clips.jsonl"
+    rows = [json.loads(line) for line in table.read_text().splitlines()]
+    times = table.stat()
+    table.write_text("\n".join(json.dumps({**row, key: value}) for row in rows))
+    os.utime(table, ns=(times.st_atime_ns, times.st_mtime_ns))  # as copies that keep times have them
+    after = prepare(folder, ["train"], None, cache, 0)
+    found = {"licence": after.licences, "commercial_ok": after.commercial, "captions": after.captions}[key]
+    wanted = ["a person hops"] if key == "captions" else value
+    assert found == [wanted] * len(before.ids)
+
+
+def test_trainings_at_once_share_one_cache(tmp_path: Path) -> None:
+    folder, cache = walks(tmp_path / "data"), tmp_path / "cache"
+    code = (
+        "import sys; from pathlib import Path; from scenectl.data.clips import prepare; "
+        "print(len(prepare(Path(sys.argv[1]), ['train'], None, Path(sys.argv[2]), 0).ids))"
+    )
+    call, pipe = [sys.executable, "-c", code, str(folder), str(cache)], subprocess.PIPE
+    children = [subprocess.Popen(call, stdout=pipe, text=True) for _ in range(3)]
+    said = [child.communicate()[0] for child in children]
+    assert [child.returncode for child in children] == [0, 0, 0] and len(set(said)) == 1
+    assert len(list(cache.iterdir())) == 1

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from safetensors.torch import save_file
 from torch import nn
 
-from scenectl.networks.checkpoint import load_weights, read_about, save_weights
+from scenectl.networks.checkpoint import load_network, load_weights, read_about, save_weights
 from scenes.errors import UserError
 
 ABOUT = {"config": {"a": [1, 2]}, "licence": "CC0-1.0", "ä": "ü"}
@@ -108,3 +109,29 @@ def test_weights_of_another_network_or_that_are_no_numbers_are_refused(tmp_path:
         with pytest.raises(UserError, match="not finite") as error:
             load_weights(network(3), path)
         sentence(error, path)
+
+
+def test_numbers_that_grow_too_large_in_the_networks_precision_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save_weights(nn.Linear(3, 4).double().requires_grad_(False).apply(lambda m: m.weight.fill_(1e300)), path, ABOUT)
+    with pytest.raises(UserError, match="not finite"):
+        load_weights(nn.Linear(3, 4), path)
+
+
+def test_a_header_nested_beyond_reason_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save_file(
+        {"weight": torch.zeros(4, 3)}, path, metadata={"scenectl": '{"config":' + "[" * 100_000 + "]" * 100_000 + "}"}
+    )
+    with pytest.raises(UserError, match="damaged") as error:
+        read_about(path)
+    sentence(error, path)
+
+
+@pytest.mark.parametrize("width", [2**60, -1, 2.5, None, 7])
+def test_a_network_is_laid_out_before_it_takes_memory(width: Any, tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save_weights(nn.Linear(3, 4), path, {"config": {"width": width}})
+    with pytest.raises(UserError, match=r"describe no line|another shape") as error:
+        load_network(path, lambda config: nn.Linear(config["width"], 4), "line")
+    sentence(error, path)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
@@ -142,6 +146,78 @@ def test_a_damaged_state_or_one_of_another_network_is_answered(tmp_path: Path) -
     path.write_bytes(whole)
     with pytest.raises(UserError, match="delete the folder"):
         Loop(Net(width=9), settings(), tmp_path, 0)
-    (tmp_path / "curve.json").write_text("[{")
-    with pytest.raises(UserError, match="delete the folder"):
+
+
+def test_the_curve_is_part_of_the_state_and_the_file_beside_it_is_written_from_there(tmp_path: Path) -> None:
+    """A kill between the two writes leaves an old curve, or none, beside a new state."""
+    whole = train(tmp_path / "whole", settings())
+    with pytest.raises(Killed):
+        train(tmp_path / "killed", settings(), 11)
+    for content in (None, "[]", "[{"):
+        (tmp_path / "again").mkdir(exist_ok=True)
+        (tmp_path / "again" / "state.safetensors").write_bytes((tmp_path / "killed" / "state.safetensors").read_bytes())
+        if content is not None:
+            (tmp_path / "again" / "curve.json").write_text(content)
+        resumed = train(tmp_path / "again", settings())
+        assert [p["iteration"] for p in resumed.curve] == [p["iteration"] for p in whole.curve] == [5, 10]
+        assert json.loads((tmp_path / "again" / "curve.json").read_text()) == resumed.curve
+
+
+def test_a_state_from_before_the_curve_was_part_of_it_takes_the_curve_beside_it(tmp_path: Path) -> None:
+    first = train(tmp_path, settings())
+    rewritten(tmp_path, {}, {"iteration": 7, "seconds": 1.0, "seed": 1})
+    loop = Loop(Net(), settings(), tmp_path, 1)
+    assert loop.iteration == 7 and loop.curve == first.curve[:1]
+
+
+def rewritten(folder: Path, tensors: dict[str, Tensor | None], about: object = None) -> None:
+    """Change a state: tensors by name (None: leave out) and what it says."""
+    path = folder / "state.safetensors"
+    with safe_open(path, framework="pt") as file:
+        metadata = file.metadata() if about is None else {"about": json.dumps(about)}
+        known = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+    save_file({name: value for name, value in {**known, **tensors}.items() if value is not None}, path, metadata)
+
+
+HALF = {"iteration": 2, "seconds": 1.0, "seed": 1, "curve": []}
+
+
+@pytest.mark.parametrize(
+    ("tensors", "about"),
+    [
+        *(({}, {**HALF, "iteration": value}) for value in (1e30, -4, 2.5, None, "2", True, 2**70)),
+        *(({}, {**HALF, "seconds": value}) for value in (-1.0, float("nan"), float("inf"), "soon")),
+        *(({}, {**HALF, "curve": value}) for value in (3, [3], [{"loss": "low"}])),
+        ({}, []), ({}, {}),
+        *(({"averaged.net.0.weight": torch.full((8, 4), value)}, None) for value in (torch.inf, torch.nan)),
+        ({"model.net.0.weight": torch.full((8, 4), torch.nan)}, None),
+        ({"averaged.net.0.weight": None}, None),
+        ({"moment.0.exp_avg": torch.zeros(3)}, None),
+        ({"moment.0.exp_avg": torch.full((8, 4), torch.inf)}, None),
+        ({"moment.0.exp_avg_sq": torch.full((8, 4), -1.0)}, None),
+        ({"moment.0.exp_avg_sq": None}, None),
+        ({"moment.0.step": torch.tensor(-3.0)}, None),
+        ({"moment.0.step": torch.zeros(2)}, None),
+        ({"moment.0.other": torch.zeros(8, 4)}, None),
+        *(({f"moment.{i}.step": torch.tensor(1.0)}, None) for i in ("99", "-1", "x", "0.0")),
+    ],
+)  # fmt: skip
+def test_a_state_that_no_training_writes_is_answered(
+    tensors: dict[str, Tensor | None], about: object, tmp_path: Path
+) -> None:
+    train(tmp_path, settings(2))
+    rewritten(tmp_path, tensors, about)
+    with pytest.raises(UserError, match="does not fit this config") as error:
         Loop(Net(), settings(), tmp_path, 0)
+    assert "\n" not in str(error.value) and len(str(error.value)) < 400
+
+
+def test_what_a_killed_training_left_is_swept_when_it_goes_on(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys; from scenes.files import atomic_write\n"
+        "with atomic_write(sys.argv[1]) as file: os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "state.safetensors")], check=False)
+    assert len(list(tmp_path.iterdir())) == 1
+    Loop(Net(), settings(), tmp_path, 0)
+    assert not list(tmp_path.iterdir())

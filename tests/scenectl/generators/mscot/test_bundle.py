@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
 from pathlib import Path
 
@@ -83,5 +84,45 @@ def test_unknown_names_and_empty_folders_are_answered(tmp_path: Path) -> None:
     write_bundle(tmp_path, plain())
     (tmp_path / "refiner.safetensors").unlink()
     with pytest.raises(UserError, match="refiner") as error:
+        load_bundle(described(tmp_path))
+    sentence(error, tmp_path)
+
+
+SIZES = {
+    "tokenizer": {
+        "codes": [2**31, 0, 2**16], "width": [2**14, "wide"], "depth": [10**9], "dilation_growth": [2**70],
+        "scales": [[0, 2, 3, 5], [-2, 2, 3, 5], [], [5, 3, 2, 1], [1] * 10**6], "scale_convs": [0], "code_dim": [-1],
+    },
+    "transformer": {
+        "heads": [2**63, 0, 3], "width": [1, 2, 10**12], "layers": [10**9, 200], "text_dim": [2**40],
+        "dropout": [float("nan"), -1.0],
+    },
+    "refiner": {"heads": [5], "width": [3], "kind": ["magic"]},
+}  # fmt: skip
+CASES = [(table, key, value) for table, keys in SIZES.items() for key, values in keys.items() for value in values]
+
+
+@pytest.mark.parametrize(("table", "key", "value"), CASES)
+def test_sizes_that_cannot_be_are_refused_before_there_is_memory_for_them(
+    table: str, key: str, value: object, tmp_path: Path
+) -> None:
+    write_bundle(tmp_path, plain())
+    described_as = plain().model_dump(mode="json")
+    described_as[table][key] = value
+    for part, made in zip(PARTS, build(plain()), strict=True):
+        save_weights(made, tmp_path / f"{part}.safetensors", {"config": described_as, "licence": "CC0-1.0"})
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(UserError) as error:
+        load_bundle(described(tmp_path))
+    sentence(error, tmp_path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
+
+
+@pytest.mark.parametrize("change", [{"credits": 5}, {"licence": None}, {"family": ["mscot"]}, {"config": []}])
+def test_headers_of_other_types_are_refused(change: dict[str, object], tmp_path: Path) -> None:
+    about = {"config": plain().model_dump(mode="json"), "licence": "CC0-1.0", **change}
+    for part, made in zip(PARTS, build(plain()), strict=True):
+        save_weights(made, tmp_path / f"{part}.safetensors", about)
+    with pytest.raises(UserError, match="describe no model") as error:
         load_bundle(described(tmp_path))
     sentence(error, tmp_path)
