@@ -24,7 +24,7 @@ def help(
         case ["task", name]:
             _tell_keys(name)
         case names:
-            from scenectl.cli.app import app  # which lists this command
+            from scenectl.cli.root import app  # which lists this command
 
             app([*names, "--help"], prog_name="scenectl")
 
