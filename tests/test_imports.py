@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from scenectl.bench.commands import BENCHES
-from scenectl.cli.app import COMMANDS
+from scenectl.cli import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[1]
 ALLOWED = {

@@ -1,0 +1,17 @@
+"""The command line: one command, one file of its name."""
+
+COMMANDS = (
+    "check",
+    "run",
+    "score",
+    "view",
+    "edit",
+    "goals",
+    "schema",
+    "scenes",
+    "bake",
+    "body",
+    "train",
+    "bench",
+    "help",
+)

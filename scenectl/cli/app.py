@@ -14,22 +14,6 @@ from contextlib import suppress
 
 from scenes.errors import UserError
 
-COMMANDS = (
-    "check",
-    "run",
-    "score",
-    "view",
-    "edit",
-    "goals",
-    "schema",
-    "scenes",
-    "bake",
-    "body",
-    "train",
-    "bench",
-    "help",
-)
-
 
 def main() -> None:
     """Run the command that the arguments name; exits with 2 for bad input."""

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli.app import COMMANDS
+from scenectl.cli import COMMANDS
 from scenectl.console.lazy import group
 from scenectl.version import __version__
 
