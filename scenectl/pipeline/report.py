@@ -71,4 +71,6 @@ def _rounded(value: Any) -> Any:
         return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_rounded(item) for item in value]
-    return round(value, 4) if value is not None and math.isfinite(value) else None
+    if isinstance(value, float):
+        return round(value, 4) if math.isfinite(value) else None
+    return value

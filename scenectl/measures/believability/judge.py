@@ -11,8 +11,7 @@ from scenes.motion.motion import Motion
 Exemption = tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None]
 """Joints (none: the whole body) that may touch the scene, and the windows (s) in which they may (None: always)."""
 
-Series = dict[str, list[float | None] | dict[str, list[float | None]]]
-"""Numbers for each frame by name, those about parts of the body by part; None where there is none."""
+Series = dict[str, list[float | None] | list[str] | dict[str, list[float | None]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +39,6 @@ class Judge:
         told = f"{part} {100 * deepest:.0f} cm deep in an obstacle at {at:.2f} s"
         return Verdict((Finding("penetration", deepest, 0.01, "m", told, at, part),), {"penetration_m": deepest})
 
-    def series(self, motion: Motion) -> Series:
+    def series(self, motion: Motion, depths: Depths | None = None) -> Series:
         """Per frame of one motion, ``[T, J, 3]``: "clearance_m" by part, "speed_m_per_s", "support"."""
         return {}
