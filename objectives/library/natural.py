@@ -144,14 +144,15 @@ def joint_limits(
         elbow: its largest flexion, rad.
         backwards: how far a knee may point backwards, rad.
     """
-    forward = _forward(motion)
+    left = motion.joint("left_hip") - motion.joint("right_hip")
     labels = [f"{side}_{name}" for name in ("knee", "elbow") for side in ("left", "right")]
     excess = []
     for side in ("left", "right"):
-        angle, aside = _flexion(motion, (f"{side}_hip", f"{side}_knee", f"{side}_ankle"))
-        along = (aside * forward).sum(-1)
-        # Legs turned outwards point a little backwards at times; only what lies in the leg's own plane counts.
-        wrong = (along < 0) & (along.abs() > 0.7 * length(aside) * length(forward))
+        angle, hinge = _flexion(motion, (f"{side}_hip", f"{side}_knee", f"{side}_ankle"))
+        along = (hinge * left).sum(-1)
+        # A knee bends about an axis that points to the left, however the trunk leans. Legs turned outwards point a
+        # little backwards at times; only what is about the hips' own axis counts.
+        wrong = (along < 0) & (along.abs() > 0.7 * length(hinge) * length(left))
         excess.append((angle - torch.where(wrong, backwards, knee)).clamp_min(0.0))
     for side in ("left", "right"):
         angle, _ = _flexion(motion, (f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"))
@@ -159,15 +160,9 @@ def joint_limits(
     return Masked(torch.stack(excess, dim=-1), labels=labels, points=motion.select(labels))
 
 
-def _forward(motion: Motion) -> Float[Tensor, "*b T 3"]:
-    """Where the pelvis faces: up its own spine x its own left, so that lying people have a front as well."""
-    left = motion.joint("left_hip") - motion.joint("right_hip")
-    return torch.linalg.cross(left, motion.joint("spine1") - motion.joint("pelvis"))
-
-
 def _flexion(motion: Motion, names: tuple[str, str, str]) -> tuple[Float[Tensor, "*b T"], Float[Tensor, "*b T 3"]]:
-    """Angle (rad) between the two bones at the middle joint, and where that joint points."""
+    """Angle (rad) between the two bones at the middle joint, and the axis that the second is turned about."""
     a, b, c = (motion.joint(name) for name in names)
     upper, lower = b - a, c - b
-    angle = torch.atan2(length(torch.linalg.cross(upper, lower)), (upper * lower).sum(-1))
-    return angle, b - (a + c) / 2
+    hinge = torch.linalg.cross(upper, lower)
+    return torch.atan2(length(hinge), (upper * lower).sum(-1)), hinge

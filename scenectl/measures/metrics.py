@@ -115,6 +115,8 @@ class Depths:
         clearance: smallest distance (m) from the body's surface to any obstacle, ``[T]``; negative inside.
         beyond: how far (m) the body's deepest part is outside of the free space that its start is connected to, by the
             way back, ``[T]``; 0 within.
+        rooms: distance (m) from the surface of every sample to any obstacle, ``[T, M]``; negative inside.
+        sunk: depth (m) of every sample in the floor, ``[T, M]``.
     """
 
     obstacles: np.ndarray
@@ -122,6 +124,8 @@ class Depths:
     part: np.ndarray
     clearance: np.ndarray
     beyond: np.ndarray
+    rooms: np.ndarray
+    sunk: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,25 +145,36 @@ class Scorer:
         a mesh that is not a level piece at the height of the floor.
         Frames that are padding are 0 deep.
         """
-        joints = motion.joints.detach().cpu().double().numpy()
-        points = np.einsum("mj,tjd->tmd", self._weights, joints)
+        points = self.points(motion.joints.detach().cpu().double().numpy())
         frames, count, _ = points.shape
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         times = np.repeat(motion.times.cpu().double().numpy(), count)
         radii = np.tile(self._radii, frames)
         everything = self.scene.distance_exact(flat, times) - radii
-        obstacles = self._obstacle_distance(flat, times, everything + radii) - radii
-        deep_obstacle = np.maximum(-obstacles, 0.0).reshape(frames, count)
+        obstacles = (self._obstacle_distance(flat, times, everything + radii) - radii).reshape(frames, count)
+        deep_obstacle = np.maximum(-obstacles, 0.0)
         deep_all = np.maximum(-everything, 0.0).reshape(frames, count)
         deep_floor = np.where(deep_all > deep_obstacle + 1e-6, deep_all, 0.0)
         real = motion.valid.cpu().numpy()
         return Depths(
             deep_obstacle.max(axis=1) * real,
             deep_floor.max(axis=1) * real,
-            obstacles.reshape(frames, count).argmin(axis=1),
-            np.where(real, obstacles.reshape(frames, count).min(axis=1), np.inf),
+            obstacles.argmin(axis=1),
+            np.where(real, obstacles.min(axis=1), np.inf),
             np.zeros(frames),
+            np.where(real[:, None], obstacles, np.inf),
+            deep_floor * real[:, None],
         )
+
+    def points(self, joints: np.ndarray) -> np.ndarray:
+        """Samples of the body's surface (m), ``[T, J, 3] -> [T, M, 3]``; each stands for a sphere of `radii`."""
+        found: np.ndarray = self._weights @ joints
+        return found
+
+    def room(self, points: np.ndarray, times: np.ndarray, samples: np.ndarray) -> np.ndarray:
+        """Distance (m) from the surface of samples of those numbers, at points and times (s), to any obstacle."""
+        points = np.ascontiguousarray(points)
+        return self._obstacle_distance(points, times, self.scene.distance_exact(points, times)) - self._radii[samples]
 
     def ground(self, motion: Motion) -> Float[Tensor, "*b T 2"]:
         """Height (m) of the ground under each foot in each frame: of the floor, a step or the storey that one is on."""
@@ -168,6 +183,16 @@ class Scorer:
     def part(self, sample: int) -> str:
         """Name of the body part that a sample of `Depths.part` belongs to."""
         return self._parts[sample]
+
+    @property
+    def owners(self) -> list[int]:
+        """Index of the joint that is nearest to each sample: the one to exempt."""
+        return [int(joint) for joint in np.abs(self._weights).argmax(axis=1)]
+
+    @property
+    def parts(self) -> list[str]:
+        """What every sample belongs to: a joint, a bone such as "left_hip-left_knee", or "left_palm"."""
+        return list(self._parts)
 
     def _obstacle_distance(self, points: np.ndarray, times: np.ndarray, signed: np.ndarray) -> np.ndarray:
         """Signed distance (m) to obstacles; `signed` is that to everything, the floor included."""
@@ -180,19 +205,19 @@ class Scorer:
             best = np.minimum(best, thing.distance_exact(points, times))
         # Below the floor everything is solid; only above it does a negative sign mean the inside of an obstacle.
         inside = (signed < 0) & (points[:, 1] > self.scene.floor.height) & (best > 0)
-        if self._obstacles:
-            unsigned = np.minimum.reduce([surface.unsigned_distance(points) for surface in self._obstacles])
+        if self.surfaces:
+            unsigned = np.minimum.reduce([surface.unsigned_distance(points) for _, surface in self.surfaces])
             best = np.minimum(best, np.where(inside, -unsigned, unsigned))
         return best
 
     @cached_property
-    def _obstacles(self) -> tuple[Surface, ...]:
-        """The meshes without the triangles that are floor."""
+    def surfaces(self) -> tuple[tuple[str, Surface], ...]:
+        """The meshes' names and triangles without those that are floor."""
         found = []
         for mesh in self.scene.meshes:
             faces = mesh.faces[~_is_floor(mesh, self.scene.floor.height)]
             if len(faces):
-                found.append(Surface.of(Mesh(mesh.vertices, faces, mesh.name, mesh.source)))
+                found.append((mesh.name, Surface.of(Mesh(mesh.vertices, faces, mesh.name, mesh.source))))
         return tuple(found)
 
     @cached_property
@@ -240,7 +265,7 @@ def measure(motion: Motion, scorer: Scorer, depths: Depths | None = None) -> dic
     """Every figure of this module for one motion, ``[T, J, 3]``: metres, seconds, ratios.
 
     `deepest_penetration_m` is of obstacles; `deepest_at_s` and `deepest_part` say when and with what. `depths` are the
-    scorer's, where they are known already.
+    motion's where they are known.
     """
     ground, body = scorer.ground(motion), scorer.body
     depths = scorer.depths(motion) if depths is None else depths

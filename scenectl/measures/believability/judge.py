@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from scenectl.measures.believability.checks import CHECKS
+from scenectl.measures.believability.checks.check import Check, Found
+from scenectl.measures.believability.checks.contact import exempted
+from scenectl.measures.believability.checks.support import support
+from scenectl.measures.believability.evidence import RATE, Evidence, Exemption
+from scenectl.measures.believability.limits import LIMITS
 from scenectl.measures.believability.verdict import Finding, Verdict
 from scenectl.measures.metrics import Depths, Scorer
 from scenes.motion.motion import Motion
-
-Exemption = tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None]
-"""Joints (none: the whole body) that may touch the scene, and the windows (s) in which they may (None: always)."""
 
 Series = dict[str, list[float | None] | list[str] | dict[str, list[float | None]]]
 
@@ -29,16 +35,68 @@ class Judge:
     exemptions: tuple[Exemption, ...] = ()
 
     def verdict(self, motion: Motion, depths: Depths | None = None) -> Verdict:
-        """The verdict on one motion, ``[T, J, 3]`` in the scene's frame; `depths` where the scorer was asked before."""
-        depths = self.scorer.depths(motion) if depths is None else depths
-        deepest = float(depths.obstacles.max())
-        if deepest <= 0.01:
-            return Verdict((), {"penetration_m": deepest})
-        frame = int(depths.obstacles.argmax())
-        part, at = self.scorer.part(int(depths.part[frame])), float(motion.times[frame])
-        told = f"{part} {100 * deepest:.0f} cm deep in an obstacle at {at:.2f} s"
-        return Verdict((Finding("penetration", deepest, 0.01, "m", told, at, part),), {"penetration_m": deepest})
+        """The verdict on one motion, ``[T, J, 3]`` in the scene's frame; `depths` are the scorer's where known.
+
+        The worst finding comes first: those that explain others before these, then by how many times the limit.
+        """
+        evidence = Evidence.of(motion, self.scorer, self.prompt, self.exemptions, depths)
+        looked = [(check, check.look(evidence)) for check in CHECKS]
+        found = sorted(
+            ((check, one) for check, one in looked if one is not None and _off(check, one.value) > 1.0),
+            key=lambda pair: (pair[0].explains, _off(pair[0], pair[1].value)),
+            reverse=True,
+        )
+        figures = {check.key: None if one is None else one.value for check, one in looked}
+        return Verdict(tuple(_finding(*pair) for pair in found), figures, exempted(evidence))
 
     def series(self, motion: Motion, depths: Depths | None = None) -> Series:
-        """Per frame of one motion, ``[T, J, 3]``: "clearance_m" by part, "speed_m_per_s", "support"."""
-        return {}
+        """Per frame of one motion, ``[T, J, 3]``: "clearance_m" by part, "speed_m_per_s", "support".
+
+        Clearance is to obstacles, and None where there are none; speed is the pelvis's over the ground; support is
+        "both", "left_foot", "right_foot", "other", "flight" or "none". Frames that are padding have None and "none".
+        """
+        depths = self.scorer.depths(motion) if depths is None else depths
+        names = self.scorer.parts
+        clearance = {
+            part: _numbers(depths.rooms[:, [i for i, name in enumerate(names) if name == part]].min(axis=1))
+            for part in dict.fromkeys(names)
+        }
+        evidence = Evidence.of(motion, self.scorer, depths=depths)
+        real = np.flatnonzero(motion.valid.cpu().numpy())
+        speed, carried = np.full(motion.frames, np.nan), np.full(motion.frames, "none", dtype=object)
+        if len(real):
+            nearest = np.rint((real - real[0]) * RATE / motion.fps).astype(int).clip(0, evidence.frames - 1)
+            carried[real] = np.array(support(evidence, SUPPORTED))[nearest]
+        if len(real) > 1:
+            pelvis = evidence.given.joint("pelvis").detach().cpu().double().numpy()[:, ::2]
+            speed[real] = np.linalg.norm(np.gradient(pelvis, axis=0), axis=1) * motion.fps
+        return {"clearance_m": clearance, "speed_m_per_s": _numbers(speed), "support": [str(w) for w in carried]}
+
+
+SUPPORTED = 0.05
+"""Height (m) up to which a part of the body is taken for in touch: what recorded steps on level ground rise to
+(`foot_contact` has the same)."""
+
+
+def limit_of(check: Check) -> float | None:
+    """What people stay within, in the check's unit; None where nothing was measured."""
+    return LIMITS.values.get(check.name) if check.limit is None else check.limit
+
+
+def _off(check: Check, value: float) -> float:
+    """How many times its limit a value is; up to 1 is within."""
+    limit = limit_of(check)
+    if limit is None:
+        return 0.0
+    return limit / max(value, 1e-6) if check.least else value / limit
+
+
+def _finding(check: Check, found: Found) -> Finding:
+    limit = limit_of(check)
+    assert limit is not None
+    return Finding(check.name, found.value, limit, check.unit, found.sentence, found.at_s, found.part)
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    """To the millimetre, None for what is not finite."""
+    return [round(float(value), 3) if math.isfinite(value) else None for value in values]
