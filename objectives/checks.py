@@ -69,7 +69,7 @@ def _span(begin: float, end: float) -> str:
 def _check_places(term: Term, context: Context, slack: float) -> None:
     low, high = _bounds(context)
     for name, value in term.parameters.items():
-        for place in _places(value):
+        for place in places(value):
             outside = (place < low - slack) | (place > high + slack)
             if outside.any():
                 axis = int(outside.argmax())
@@ -79,8 +79,8 @@ def _check_places(term: Term, context: Context, slack: float) -> None:
                 )
 
 
-def _places(value: Any) -> list[np.ndarray]:
-    """World points in a parameter; nan on the axes that it does not state."""
+def places(value: Any) -> list[np.ndarray]:
+    """World points (m) in parameters, ``[3]`` each; nan on the axes that they do not state."""
     found = [np.array([p.x, p.y, p.z]) for p in instances(value, Point)]
     found += [np.array([p.x, np.nan, p.z]) for p in instances(value, FloorPoint)]
     for track in instances(value, TrackBase):

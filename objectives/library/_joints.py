@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from jaxtyping import Float
 from torch import Tensor
 
 from scenes.motion.motion import Motion
 
 Joints = str | list[str]
+Axes = Literal["x", "y", "z", "xy", "xz", "yz", "xyz"]
+"""Some of the world's axes."""
 
 
 def chosen(joints: Joints | None, motion: Motion) -> list[str]:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives.context import Context
-from objectives.library._joints import Joints, placed
+from objectives.library._joints import Axes, Joints, placed
 from objectives.library.scene import foot_heights
 from objectives.maths import beyond, length
 from objectives.parameters import NotNegative, Positive
@@ -74,12 +74,39 @@ def foot_clearance(
 
 
 def _by_step(
-    residual: Float[Tensor, "*b steps r"], motion: Motion, feet: list[str], points: Float[Tensor, "*b T n 3"]
+    residual: Float[Tensor, "*b steps r"],
+    motion: Motion,
+    names: list[str],
+    points: Float[Tensor, "*b T n 3"],
+    size: int | None = None,
 ) -> Masked:
     """Residuals of the steps between frames: frame t stands for that from t to t + 1, so the last one has none."""
     active = motion.valid[..., 1:] & motion.valid[..., :-1]
     pad = torch.nn.functional.pad
-    return Masked(pad(residual, (0, 0, 0, 1)), pad(active, (0, 1)), labels=feet, points=points)
+    return Masked(pad(residual, (0, 0, 0, 1)), pad(active, (0, 1)), sizes=size, labels=names, points=points)
+
+
+@goal(unit="m/s", kernel="squared", reduction="sum", tolerance=0.1)
+def speed_limit(
+    motion: Motion,
+    context: Context,
+    *,
+    limit: NotNegative = 0.1,
+    joints: Joints | None = None,
+    axes: Axes = "xyz",
+) -> Masked:
+    """Keep joints from moving faster than a limit; a person stands in the window of such a goal.
+
+    Residual: velocity from one frame to the next, m/s, beyond `limit`.
+
+    Args:
+        limit: speed that is free, m/s; people who stand sway at a few cm/s.
+        joints: which joints, by default all.
+        axes: along which, such as "xz" for speed over the floor.
+    """
+    names, points = placed(joints, motion)
+    moved = points[..., ["xyz".index(axis) for axis in axes]].diff(dim=-3)
+    return _by_step(beyond(moved * motion.fps, limit).flatten(-2), motion, names, points, len(axes))
 
 
 @goal(unit="m/s^2", kernel="squared", reduction="mean", scale=1e-4, tolerance=60.0, dim=3)

@@ -14,7 +14,7 @@ from objectives.context import Context
 from objectives.library.obstacles import segment_distance
 from objectives.marks import Mark
 from objectives.maths import beyond, root
-from objectives.parameters import FloorPoint, Point, Positive, Time
+from objectives.parameters import FloorPoint, NotNegative, Point, Positive, Time
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
@@ -43,6 +43,7 @@ def follow_path(
     end: Time | None = None,
     lag: Positive = 0.5,
     pace: Literal["constant", "ease"] = "constant",
+    brake: NotNegative = 0.0,
     joint: str = "pelvis",
     height: float | None = None,
 ) -> Masked:
@@ -60,6 +61,7 @@ def follow_path(
         end: when it is at the last vertex, s; afterwards it stays.
         lag: how far from the scheduled place it may be, m.
         pace: "constant" speed, or "ease" that starts and stops smoothly.
+        brake: over how long a constant speed falls to 0 at the end, s; the whole schedule at most.
         joint: the joint that follows.
         height: of the joint over the path, m; by default it is left free.
 
@@ -78,7 +80,7 @@ def follow_path(
     if begin is not None or end is not None:
         if begin is None or end is None or end <= begin:
             raise UserError("a schedule needs 'begin' and a later 'end'")
-        along = _passed(motion, begin, end, pace)
+        along = _passed(motion, begin, end, pace, brake)
         scheduled = path_point(flat, along)
         parts.append(beyond(place[..., ::2] - scheduled, lag))
         labels.append(f"{joint} (schedule)")
@@ -110,19 +112,24 @@ def risen(
     begin: float | None = None,
     end: float | None = None,
     pace: str = "constant",
+    brake: float = 0.0,
     joint: str = "pelvis",
     **_: object,
 ) -> Float[Tensor, "*b T"]:
     """How much higher (m) than at its beginning a path lies under a joint; parameters as `follow_path` takes them."""
     vertices = motion.joints.new_tensor(_vertices(path))
-    along = None if begin is None or end is None else _passed(motion, begin, end, pace)
+    along = None if begin is None or end is None else _passed(motion, begin, end, pace, brake)
     return path_height(motion.joint(joint)[..., ::2], vertices, along) - vertices[0, 1]
 
 
-def _passed(motion: Motion, begin: float, end: float, pace: str) -> Float[Tensor, " T"]:
+def _passed(motion: Motion, begin: float, end: float, pace: str, brake: float) -> Float[Tensor, " T"]:
     """The share of a path's length that a schedule has passed at every frame."""
     along = ((motion.times - begin) / (end - begin)).clamp(0, 1)
-    return along * along * (3 - 2 * along) if pace == "ease" else along
+    if pace == "ease":
+        return along * along * (3 - 2 * along)
+    slow = min(brake / (end - begin), 1.0)
+    short = (along - (1 - slow)).clamp_min(0).square() / (2 * slow) if slow else 0.0
+    return (along - short) / (1 - slow / 2)
 
 
 def _vertices(path: list[FloorPoint] | list[Point]) -> list[tuple[float, float, float]]:

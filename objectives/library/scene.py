@@ -134,8 +134,9 @@ def foot_contact(
     *,
     threshold: NotNegative = 0.05,
     feet: list[str] = ["left_foot", "right_foot"],  # noqa: B006  (read only)
+    each: bool = False,
 ) -> Masked:
-    """Keep at least one foot near the ground, so that the person does not float.
+    """Keep at least one foot near the ground, so that the person does not float; or each of them.
 
     MSCoT Eq. 47 and 48: phi_foot = min over the feet of phi(x_j), L = 1/T sum_t max(0, phi_foot - tau). The sole's
     offset is taken off phi, so that the lowest foot joint of a person at rest reads about 0. Where what is nearest is a
@@ -145,9 +146,13 @@ def foot_contact(
         threshold: tau, m; the paper states no value. 0.05 because HumanML3D's foot joints are 0.048 m above the lowest
             joint on average, and in recorded walking the lower of the two exceeds 0.05 m in 5 to 20 % of frames only.
         feet: the foot joints.
+        each: every one of them, as of a person who stands.
     """
     points = motion.select(feet)
-    height, lowest = foot_heights(points, motion, context).min(-1)
+    heights = foot_heights(points, motion, context)
+    if each:
+        return Masked((heights - threshold).clamp_min(0), labels=feet, points=points)
+    height, lowest = heights.min(-1)
     where = torch.take_along_dim(points, lowest[..., None, None].expand(*lowest.shape, 1, 3), dim=-2)
     return Masked((height[..., None] - threshold).clamp_min(0), labels=["the lower foot"], points=where)
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives.context import Context
-from objectives.library._joints import Joints, chosen
+from objectives.library._joints import Axes, Joints, chosen
 from objectives.maths import frame_mask, frames_near
 from objectives.parameters import FloorPoint, Point
 from objectives.registry import Masked, goal
@@ -18,7 +17,6 @@ from objectives.tracks import Track, TrackBase
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 
-Axes = Literal["x", "y", "z", "xy", "xz", "yz", "xyz"]
 Place = Point | FloorPoint
 
 

@@ -32,5 +32,7 @@ def check(
         walk = "" if problem.path is None else f", a walk of {walked(problem.path):.1f} m"
         count = len(problem.objective.terms)
         goals = f"{count} goal" + ("" if count == 1 else "s")
+        if added := " and ".join(term.name for term in task.avoided):
+            goals += f", {added} by default"
         out.print(f"{path}: fine ({problem.seconds:g} s in '{problem.scene.name}', {goals}{walk})")
         doubt(problem.doubts)

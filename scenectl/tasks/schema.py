@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
 from objectives import Term
 from scenectl.control.settings import GuidanceSettings, SolverSettings
@@ -27,9 +27,7 @@ from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
 from scenes.validation import sentence
-from scenes.world.floor.levels import STEP
 from scenes.world.floor.planning import FreeArea
-from scenes.world.floor.polyline import resample, sloped, walked
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
@@ -39,11 +37,10 @@ Resolution: TypeAlias = Annotated[int, Field(ge=8, le=512)]
 Spot: TypeAlias = tuple[float, float] | tuple[float, float, float]
 """A place on the ground: [x, z], or [x, y, z] where y tells storeys apart, world metres."""
 
-PELVIS = 0.91
-"""Height (m) of the pelvis over the lowest foot joint of a person who walks: the mean over what the shipped generator
-makes of "a person walks forward" on level ground, whose standard deviation is 0.02 m."""
-STRIDE = 0.7
-"""Length (m) of a step of a person who walks, over which the body's middle rises with the ground."""
+AVOID: dict[str, Any] = {"margin": 0.03, "weight": 300.0, "kernel": "squared", "reduction": "sum"}
+"""`sdf_penetration` of a task that does not state its own."""
+GROUND: dict[str, Any] = {"weight": 100.0, "kernel": "squared", "reduction": "sum"}
+"""`foot_contact` likewise, of one that walks."""
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
@@ -161,25 +158,30 @@ class Start(_Table):
 
 
 class Walk(_Table):
-    """Walk to a place: the planner's path becomes `follow_path`, its end a `joint_target` of the pelvis.
+    """Walk to a place and stop there: a planned path around what is in the way, and its end (`tasks.walk`).
 
     Attributes:
         to: where the pelvis shall be in the end, [x, z], world metres; [x, y, z] with the height of the ground there
             says which storey.
         via: places to pass on the way, in order, a list of them.
+        via_tolerance: how near counts as passed (m).
         radius: of the body while planning (m).
         height: that shall be free along the path (m); less where the person shall duck.
-        arrive: when (s); by default at the end.
+        arrive: when (s); by default at the end, or in time to stop there. Where other goals ask for something later,
+            the walk holds nothing from there on.
+        stop: it ends standing, both feet on the ground; false walks on to the end.
         half_width: of the corridor around the path (m).
         tolerance: how near counts as reached (m).
-        weight: of both goals.
+        weight: of all its goals.
     """
 
     to: Spot
     via: tuple[Spot, ...] = ()
     radius: Annotated[float, Field(gt=0.05, le=1.0)] = 0.3
     height: Annotated[float, Field(gt=0.3, le=3.0)] = 1.8
+    via_tolerance: Annotated[float, Field(gt=0)] = 0.15
     arrive: float | None = None
+    stop: bool = True
     half_width: Annotated[float, Field(gt=0)] = 0.2
     tolerance: Annotated[float, Field(gt=0)] = 0.1
     weight: Annotated[float, Field(ge=0)] = 1.0
@@ -193,29 +195,6 @@ class Walk(_Table):
         stops = [start, *self.via, self.to]
         legs = [area.path(a, b, self.radius) for a, b in pairwise(stops)]
         return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-
-    def terms(self, path: np.ndarray, seconds: float, fps: float, body: ProxyBody = DEFAULT_BODY) -> list[Term]:
-        """The two goals for a path ``[P, 3]``: a corridor with a schedule, and the place at its end.
-
-        Where the ground rises or falls by more than `STEP`, the pelvis keeps its height over it.
-        """
-        last = seconds - 1 / fps
-        arrive = last if self.arrive is None else min(self.arrive, last)
-        end = [float(path[-1, 0]), float(path[-1, 2])]
-        target = {"joint": "pelvis", "position": end}
-        terms = [Term("joint_target", target, self.weight, self.tolerance, at=arrive, name="walk: arrive")]
-        if walked(path) < 0.05:
-            return terms
-        rises = bool(np.ptp(path[:, 1]) > STEP)
-        line = sloped(path, STRIDE) if rises else resample(path[:, [0, 2]], 0.2)  # 5 cm would only cost time
-        corridor = {
-            "path": line.tolist(),
-            "half_width": self.half_width,
-            "begin": 0.0,
-            "end": arrive,
-            "height": PELVIS + body.sole_offset if rises else None,
-        }
-        return [Term("follow_path", corridor, self.weight, name="walk: path"), *terms]
 
 
 class GeneratorSpec(_Table):
@@ -270,6 +249,10 @@ class TaskTable(_Table):
             obstacles and the origin without.
         walk: where to walk (`Walk`), planned around the obstacles.
         body: file that `scenectl body CHARACTER --json` wrote, for a character with our 22 joints; by default an adult.
+        avoid: whether the scene is avoided: where it has a mesh, primitives or objects, the task has the goal
+            `sdf_penetration` with options that work (`AVOID`) and, where it walks ([walk], or `follow_path` of the
+            pelvis), `foot_contact` (`GROUND`). A table states some of the keys of `sdf_penetration` otherwise, such as
+            `exempt`. A goal of the same name replaces either, and has what it does not state from its paper.
         goals: [[goal]] tables or `Term` objects.
         generator, solver, guidance: settings.
         samples: motions to make; those that are met and believable come first, then those that are met, then the rest.
@@ -283,6 +266,7 @@ class TaskTable(_Table):
     start: Literal["sample"] | Start | None = None
     walk: Walk | None = None
     body: Path | None = None
+    avoid: StrictBool | dict[str, Any] = True
     goals: Annotated[tuple[Any, ...], Field(alias="goal")] = ()
     generator: GeneratorSpec = GeneratorSpec()
     solver: SolverSettings = SolverSettings()
@@ -306,7 +290,7 @@ class TaskTable(_Table):
                 f"'seconds' is {self.seconds:g}; generator '{self.generator.name}' makes motions of {spec.shortest:g} "
                 f"to {spec.longest:g} s"
             )
-        _ = self.terms  # unknown goals and parameters are errors of the task, not of its run
+        _ = self.terms, self.avoided  # unknown goals and parameters are errors of the task, not of its run
 
     @model_validator(mode="before")
     @classmethod
@@ -335,6 +319,24 @@ class TaskTable(_Table):
     def terms(self) -> tuple[Term, ...]:
         """The goals as terms, without those of `walk`, which depend on the start."""
         return tuple(g if isinstance(g, Term) else Term.from_table(_mapping(g), self.folder) for g in self.goals)
+
+    @property
+    def avoided(self) -> tuple[Term, ...]:
+        """The goals by which the scene is avoided, as far as the task does not state its own."""
+        own = self.avoid if isinstance(self.avoid, dict) else {}
+        wanted = {"sdf_penetration": {**AVOID, **own}} | ({"foot_contact": GROUND} if self._walks else {})
+        stated = {term.goal for term in self.terms}
+        if own and "sdf_penetration" in stated:
+            raise UserError("'avoid' has keys of sdf_penetration, and a goal replaces that; keep one of them")
+        scene = self.scene
+        meshes = bool(scene.meshes if isinstance(scene, Scene) else scene.bundled or scene.file)
+        terms = (Term.from_table({**table, "use": use}) for use, table in wanted.items() if use not in stated)
+        return tuple(terms) if self.avoid is not False and (meshes or scene.primitives or scene.objects) else ()
+
+    @property
+    def _walks(self) -> bool:
+        led = (term for term in self.terms if term.goal == "follow_path" and term.weight > 0)
+        return self.walk is not None or any("pelvis" in term.joints for term in led)
 
     def seen_from(self: AnyTask, origin: Place) -> AnyTask:
         """The same start, walk and goals in the frame that begins at `origin` (m, world); the scene stays as it is."""

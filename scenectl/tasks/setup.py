@@ -12,6 +12,7 @@ import torch
 from objectives import Context, Objective
 from scenectl.generators.spec import Spec
 from scenectl.tasks.schema import Start, TaskTable, Walk
+from scenectl.tasks.walk import FASTEST_WALK, Schedule, seconds_for, walk_terms
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place
@@ -21,11 +22,6 @@ from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import climbs, walked
 from scenes.world.scene import Scene
 
-FASTEST_WALK = 1.6
-"""Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
-PACE = 1.4
-"""Metres a second at which tasks without `seconds` are timed: a person's usual pace. The shipped generators', standing
-included, is a little less (`scenectl bench rooms` prints it); a body that is led more slowly steps lower."""
 STANDING = 0.12
 """Metres from the vertical through a start within which an obstacle leaves no room to stand."""
 GROUND = 0.2
@@ -112,8 +108,8 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     seconds = _seconds(task, path, spec)
     if start is None:
         start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), _heading(task, path))
-    walk = [] if task.walk is None or path is None else task.walk.terms(path, seconds, spec.fps, body)
-    objective = Objective((*walk, *task.terms))
+    walk = () if task.walk is None or path is None else walk_terms(task.walk, path, seconds, spec.fps, task.terms, body)
+    objective = Objective((*walk, *task.terms, *task.avoided))
     objective.check(context, seconds, spec.fps)
     return Setup(task, scene, body, context, objective, start, seconds, path)
 
@@ -172,25 +168,27 @@ def _heading(task: TaskTable, path: np.ndarray | None) -> float:
 
 
 def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
-    if path is None:
+    if path is None or task.walk is None:
         assert task.seconds is not None
         return task.seconds
-    length = walked(path)
+    walk, length = task.walk, walked(path)
     if task.seconds is None:
-        seconds = max(round(length / PACE, 1), spec.shortest)
+        seconds = max(round(seconds_for(walk, length), 1), spec.shortest)
         if seconds > spec.longest:
             raise UserError(
                 f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} "
                 "s at most; give a nearer target"
             )
         return seconds
-    arrive = task.walk.arrive if task.walk is not None and task.walk.arrive is not None else task.seconds
-    if not 0 < arrive <= task.seconds:
-        raise UserError(f"walk: 'arrive' is {arrive:g} s; give a time within the {task.seconds:g} s of the task")
-    if length > FASTEST_WALK * arrive:
+    if walk.arrive is not None and not 0 < walk.arrive <= task.seconds:
+        raise UserError(f"walk: 'arrive' is {walk.arrive:g} s; give a time within the {task.seconds:g} s of the task")
+    arrive = task.seconds if walk.arrive is None else walk.arrive
+    walking = Schedule.of(walk, task.seconds, spec.fps).walking if walk.stop else arrive
+    if length > FASTEST_WALK * walking:
+        unstopped = " and stop (stop = false walks on)" if length <= FASTEST_WALK * arrive else ""
         raise UserError(
-            f"walk: the path is {length:.1f} m long, too far to walk in {arrive:g} s "
-            f"({length / arrive:.1f} m/s); give more seconds or a nearer target"
+            f"walk: the path is {length:.1f} m long, too far to walk in {arrive:g} s{unstopped} "
+            f"({length / walking:.1f} m/s); give more seconds or a nearer target"
         )
     return task.seconds
 

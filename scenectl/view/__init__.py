@@ -36,6 +36,7 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     from scenectl.pipeline.results import load_result
     from scenectl.tasks.setup import start_of
     from scenectl.tasks.task import Task
+    from scenectl.tasks.walk import walk_terms
     from scenes.errors import UserError
 
     motion, report = load_result(folder)
@@ -44,11 +45,12 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
         raise UserError(f"'{folder}' holds {count} motions; --sample goes from 0 to {count - 1}")
     one = motion[sample] if motion.joints.ndim == 4 else motion
     task = Task(**report["task"])
-    walk, scene = report.get("walk"), task.load_scene()
+    planned, scene = report.get("walk"), task.load_scene()
     origin = task.origin(scene, start_of(one, task.load_body()))
     task, one, scene = task.seen_from(origin), one.seen_from(origin), scene.seen_from(origin)
-    path = None if walk is None else np.array(walk["path"]) - origin
-    terms = () if task.walk is None or path is None else task.walk.terms(path, float(report["seconds"]), motion.fps)
+    path = None if planned is None else np.array(planned["path"]) - origin
+    seconds, walk = float(report["seconds"]), task.walk
+    terms = () if walk is None or path is None else walk_terms(walk, path, seconds, motion.fps, task.terms)
     return Picture(scene, one, path, Objective((*terms, *task.terms)), task.prompt, task.load_body())
 
 

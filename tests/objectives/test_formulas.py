@@ -300,3 +300,25 @@ def test_a_scene_that_does_not_know_its_ground_has_margins_everywhere() -> None:
     assert Context(Bare(), DEFAULT_BODY).ground_under(joints) is None
     assert Scene([], floor=0.3).ground == 0.3
     assert Context(Scene([], floor=0.3), DEFAULT_BODY).ground_under(joints).eq(0.3).all()
+
+
+def test_speed_beyond_a_limit_counts_at_the_frame_that_a_step_begins_with() -> None:
+    joints = standing(4)
+    joints[2:, 0, 0] += 0.05  # 1 m/s from frame 1 to 2
+    joints[2:, 0, 1] += 0.05
+    motion = Motion(joints)
+    for axes, speed in (("xz", 1.0), ("y", 1.0), ("xyz", 2**0.5), ("z", 0.0)):
+        term = Term("speed_limit", {"limit": 0.2, "joints": "pelvis", "axes": axes})
+        found = term.evaluate(motion, context())
+        expected = [0.0, max(speed - 0.2, 0.0), 0.0, 0.0]
+        assert found.square.sqrt()[:, 0].tolist() == pytest.approx(expected, abs=1e-9)
+        assert found.mask[:, 0].tolist() == [True, True, True, False]
+    assert Term("speed_limit", {"joints": ["head"]}).met(motion, context())
+
+
+def test_each_foot_on_the_ground_is_more_than_the_lower_one() -> None:
+    motion, world = wandering(), context()
+    lower = Term("foot_contact", {"threshold": 0.0}).evaluate(motion, world).residual
+    each = Term("foot_contact", {"threshold": 0.0, "each": True}).evaluate(motion, world)
+    assert each.labels == ("left_foot", "right_foot") and torch.allclose(each.residual.amin(-1, keepdim=True), lower)
+    assert (each.residual.amax(-1) > lower[..., 0]).any()

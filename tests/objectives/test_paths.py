@@ -131,3 +131,21 @@ def test_a_height_over_the_path_is_held() -> None:
     assert float(Term("follow_path", {"path": path, "height": hip}).cost(flat, context())) > 0.1  # without a schedule
     with pytest.raises(UserError, match=r"needs a path of \[x, y, z\]"):
         Term("follow_path", {"path": BEND, "height": hip}).cost(flat, context())
+
+
+@pytest.mark.parametrize("brake", [0.0, 0.5, 2.0, 9.0])
+def test_a_schedule_that_brakes_slows_down_evenly_to_a_halt(brake: float) -> None:
+    length, frames, fps = 4.0, 41, 20.0
+    term = Term("follow_path", {"path": [[0.0, 0.0], [0.0, length]], "begin": 0.0, "end": 2.0, "brake": brake})
+    found = term.evaluate(Motion(standing(frames), fps=fps), context())
+    assert found.targets is not None
+    z = found.targets[:, 1, 2]
+    speed = z.diff() * fps
+    assert float(z[0]) == pytest.approx(0.0, abs=1e-9) and float(z[-1]) == pytest.approx(length)
+    slow = min(brake, 2.0)
+    assert float(speed[0]) == pytest.approx(length / (2.0 - slow / 2), rel=0.03)  # the mean of the first frame
+    even = speed[: round((2.0 - slow) * fps)]
+    assert not len(even) or float(even.max() - even.min()) < 1e-6
+    if brake:
+        falls = speed[round((2.0 - slow) * fps) :].diff()
+        assert float(speed[-1]) < 0.15 * float(speed[0]) and float(falls.max() - falls.min()) < 1e-6

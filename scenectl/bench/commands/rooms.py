@@ -20,6 +20,7 @@ def rooms(
     facing: Annotated[
         list[str] | None, typer.Option(help="as-is, reversed, wall or no-ceiling: how meshes are wound; repeatable.")
     ] = None,
+    stop: Annotated[bool, typer.Option(help="End walks standing, as tasks do by default.")] = True,
     seed: Seed = 0,
     weights: Weights = "default",
     generator: Generators = None,
@@ -27,17 +28,17 @@ def rooms(
     json_file: Json = None,
     shard: Shard = None,
 ) -> None:
-    """Random walks through rooms: target reached, nothing touched."""
+    """Random walks through rooms, with what tasks have by default: target reached, nothing touched, stopped there."""
     from scenectl.bench.control.rooms import bench_rooms
 
     result = measured(
         lambda maker, engine: bench_rooms(
-            maker, mesh or (), tasks, seed, samples, facings=facing or (), engine=engine
+            maker, mesh or (), tasks, seed, samples, facings=facing or (), stop=stop, engine=engine
         ),
         weights, threads, generator, json_file, shard,
     )  # fmt: skip
     columns = (
-        "mesh", "task", "reached", "clean", "missed_m", "deepest_penetration_m", "deepest_floor_penetration_m",
-        "skating_ratio", "seconds",
+        "mesh", "task", "reached", "clean", "stopped", "believable", "missed_m", "deepest_penetration_m",
+        "deepest_floor_penetration_m", "skating_ratio", "seconds",
     )  # fmt: skip
     shown(result, json_file, columns)

@@ -27,6 +27,7 @@ from scenectl.data.corpus import Clip
 from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
+from scenectl.tasks.schema import AVOID
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.mesh.primitives import Cylinder
@@ -41,7 +42,7 @@ NEAREST, FURTHEST = 0.05, 0.3
 """Metres between a pillar and the body of the recording, where that is nearest."""
 TRIES = 300
 """Draws of a pillar; with fewer than `PILLARS` found by then, a scene has fewer."""
-_CLEAR = Term("sdf_penetration", {"margin": 0.03}, kernel="squared", reduction="sum", weight=300.0)
+_CLEAR = Term.from_table({"use": "sdf_penetration", **AVOID})
 
 
 def bench_control(

@@ -18,6 +18,7 @@ from scenectl.bench.scenes.meshes import FACINGS, faced
 from scenectl.control import SolverSettings
 from scenectl.generators.base import Generator
 from scenectl.measures import metrics
+from scenectl.measures.believability.judge import Judge
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
 from scenectl.tasks.schema import Spot, Start, Walk
@@ -27,6 +28,7 @@ from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.bones import stretches
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import FEET
 from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import walked
 from scenes.world.scene import Scene, bundled, load_scene
@@ -47,11 +49,9 @@ CLOSE, SHALLOW, QUICK = 0.05, 0.01, 1.0
 TRIES = 200
 """Draws a task after which a room counts as too small to walk in."""
 
-GOALS: tuple[dict[str, Any], ...] = (
-    {"use": "sdf_penetration", "margin": 0.03, "kernel": "squared", "reduction": "sum", "weight": 300.0},
-    {"use": "foot_contact", "kernel": "squared", "reduction": "sum", "weight": 100.0},
-)
-"""Goals of a walk besides its path: a body's distance from the scene, and feet on the ground."""
+RESTING, STILL, DOWN = 0.25, 0.2, 0.05
+"""A walk has stopped where for the last so many seconds the pelvis is slower than this (m/s over the floor) and both
+feet are lower than this (m over where they rest)."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,10 @@ def bench_rooms(
     radius: float = 0.35,
     solver: SolverSettings | None = None,
     facings: Sequence[str] = (),
+    stop: bool = True,
     engine: Engine = ENGINE,
 ) -> Result:
-    """Walk through each mesh `tasks` times.
+    """Walk through each mesh `tasks` times, with the goals that tasks have by default.
 
     Args:
         generator: what makes the motions.
@@ -98,6 +99,7 @@ def bench_rooms(
         radius: clearance (m) of starts, targets and paths.
         solver: instead of the default.
         facings: of `meshes.FACINGS`, in each of which every mesh file is walked through; as it is by default.
+        stop: whether walks end standing.
         engine: tells progress, keeps rows and goes on from them.
 
     Returns:
@@ -113,7 +115,7 @@ def bench_rooms(
         for mesh, facing in product(meshes or FALLBACK, facings or FACINGS[:1]):
             room = _room(mesh, radius, facing)
             rooms.append(room)
-            for i, task in enumerate(_tasks(room, tasks, seed, radius, solver)):
+            for i, task in enumerate(_tasks(room, tasks, seed, radius, solver, stop)):
                 yield room.name, (room, i, task)
 
     def walked(case: tuple[Room, int, Task]) -> list[Row]:
@@ -127,7 +129,7 @@ def bench_rooms(
 
     settings = {"bench": "rooms", "meshes": meshes, "tasks": tasks, "seed": seed, "samples": samples, "radius": radius}
     total = tasks * len(meshes or FALLBACK) * len(facings or FACINGS[:1])
-    return engine.run(cases(), walked, summary, {**settings, "solver": solver, "facings": facings}, total)
+    return engine.run(cases(), walked, summary, {**settings, "solver": solver, "facings": facings, "stop": stop}, total)
 
 
 def _room(mesh: str | Path, radius: float, facing: str = FACINGS[0]) -> Room:
@@ -141,7 +143,9 @@ def _room(mesh: str | Path, radius: float, facing: str = FACINGS[0]) -> Room:
     return Room(scene.name, scene, area, upright, Scorer(scene), height, prompt, Counter())
 
 
-def _tasks(room: Room, count: int, seed: int, radius: float, solver: SolverSettings) -> Iterator[Task]:
+def _tasks(
+    room: Room, count: int, seed: int, radius: float, solver: SolverSettings, stop: bool = True
+) -> Iterator[Task]:
     """Random starts and targets in the free area whose shortest clear path is of walking length."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -151,7 +155,6 @@ def _tasks(room: Room, count: int, seed: int, radius: float, solver: SolverSetti
             scene=room.scene,
             start=Start(position=(start[0], start[1])),
             walk=Walk(to=(target[0], target[1]), radius=radius, height=room.height, tolerance=CLOSE),
-            goals=GOALS,
             solver=solver,
         )
 
@@ -214,6 +217,7 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
     figures = result.samples[0].metrics
     depth = max(float(figures[key] or 0.0) for key in ("deepest_penetration_m", "deepest_floor_penetration_m"))
     seconds = result.report["timing"]["generate_s"]
+    verdict = Judge(room.scorer, task.prompt).verdict(motion)
     return {
         "start": [float(path[0, 0]), float(path[0, 2])],
         "target": list(task.walk.to),
@@ -226,6 +230,10 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "close": missed <= CLOSE,
         "shallow": depth <= SHALLOW,
         "quick": seconds <= QUICK,
+        "stopped": _stopped(motion, room.scorer),
+        "believable": verdict.believable,
+        "sound": depth <= SHALLOW and verdict.believable,
+        "verdict": verdict.sentence,
         "worst_bone_m": float(stretches(motion).abs().max()),
         "uncontrolled_worst_bone_m": float(stretches(free).abs().max()),
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
@@ -240,6 +248,14 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
 def _missed(motion: Motion, target: Spot) -> float:
     end = motion.joint("pelvis")[-1, [0, 2]]
     return float((end - torch.tensor([target[0], target[-1]])).norm())
+
+
+def _stopped(motion: Motion, scorer: Scorer) -> bool:
+    """Whether a motion ends standing: the pelvis at rest, both feet down."""
+    steps = round(RESTING * motion.fps)
+    speed = motion.joint("pelvis")[-steps - 1 :, [0, 2]].diff(dim=0).norm(dim=-1) * motion.fps
+    feet = (motion.select(FEET)[..., 1] - scorer.ground(motion) - scorer.body.sole_offset)[-steps - 1 :]
+    return bool((speed < STILL).all() and (feet < DOWN).all())
 
 
 _JUDGED = ("skating_ratio", "max_acceleration_m_per_frame2")
@@ -258,6 +274,9 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "within_5_cm_rate": share("close"),
         "within_1_cm_deep_rate": share("shallow"),
         "within_1_s_rate": share("quick"),
+        "stopped_rate": share("stopped"),
+        "believable_rate": share("believable"),
+        "within_1_cm_deep_and_believable_rate": share("sound"),
         "sole_on_floor_rate": share("sole_on_floor"),
         "deepest_penetration_m": max(row["deepest_penetration_m"] for row in rows),
         "deepest_floor_penetration_m": max(row["deepest_floor_penetration_m"] for row in rows),

@@ -14,6 +14,7 @@ from scenectl.control.refine.body_costs import BodyCosts
 from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.thresholds import THRESHOLDS, Thresholds, entries
 from scenectl.generators.base import Generator, Step
+from scenectl.tasks.schema import AVOID
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.primitives import Box
@@ -23,7 +24,7 @@ from scenes.world.scene import Scene
 
 PROMPT = "a person walks forward"
 FACTORS = (0.5, 2.0)
-WALLS = Term("sdf_penetration", {"margin": 0.03}, kernel="squared", reduction="sum", weight=300.0)
+WALLS = Term.from_table({"use": "sdf_penetration", **AVOID})
 FLOOR = Context(Scene.empty(-DEFAULT_BODY.sole_offset), DEFAULT_BODY)
 POSTS = Context(
     Scene(primitives=[Box((0.15, 1.0, 1.2), (0.3, 2.0, 0.3)), Box((-0.5, 1.0, 2.4), (0.4, 2.0, 0.4))]), DEFAULT_BODY
