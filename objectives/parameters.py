@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from torch import Tensor
 
-from scenes.errors import UserError
+from scenes.errors import UserError, shown
 from scenes.motion.frames import FAR, Place
-from scenes.validation import deepest, sentence, shown
+from scenes.validation import deepest, sentence
 
 WorldX = Annotated[float, "m, world x"]
 """A coordinate: where a scene is computed in a frame near it, parameters with this annotation are stated in that."""

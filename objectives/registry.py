@@ -11,10 +11,11 @@ from typing import Any, TypeVar, get_type_hints
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from objectives.docstrings import meanings
 from objectives.kernels import KERNELS, REDUCTIONS, Kernel, Reduction
 from objectives.marks import Mark
 from objectives.parameters import describe, parse
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, clipped, did_you_mean
 
 TERM_KEYS = (
     "use",
@@ -203,7 +204,9 @@ def get_goal(use: str | GoalFunction) -> GoalSpec:
                 return spec
         raise UserError(f"function '{getattr(use, '__name__', use)}' is not a goal; decorate it with @goal(unit=...)")
     if use not in _GOALS:
-        raise UserError(f"unknown goal '{use}'{did_you_mean(use, _GOALS)}")
+        raise UserError(
+            f"unknown goal '{clipped(use)}'{did_you_mean(use, _GOALS)} (--allow-code FILE.py brings one of your own)"
+        )
     return _GOALS[use]
 
 
@@ -225,7 +228,7 @@ def _parameters(label: str, function: GoalFunction, text: str) -> dict[str, Para
     signature = list(inspect.signature(function).parameters.values())
     if [p.name for p in signature[:2]] != ["motion", "context"]:
         raise UserError(f"goal '{label}': its function must start with (motion, context, *, ...)")
-    meanings = _meanings(text)
+    told = meanings(text, "Args:", "Arguments:")
     found: dict[str, Parameter] = {}
     for p in signature[2:]:
         if p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) or p.name not in hints:
@@ -234,27 +237,9 @@ def _parameters(label: str, function: GoalFunction, text: str) -> dict[str, Para
             raise UserError(f"goal '{label}': parameter name '{p.name}' belongs to every term; choose another")
         default = ... if p.default is p.empty else p.default
         hint = hints[p.name]
-        found[p.name] = Parameter(p.name, describe(hint), default, meanings.get(p.name, ""), hint)
+        found[p.name] = Parameter(p.name, describe(hint), default, told.get(p.name, ""), hint)
     return found
 
 
 def _summary(text: str) -> str:
     return " ".join(text.split("\n\n")[0].split())
-
-
-def _meanings(text: str) -> dict[str, str]:
-    """The `Args:` section of a Google-style docstring, by parameter."""
-    found: dict[str, str] = {}
-    current, inside = "", False
-    for line in text.splitlines():
-        if line.strip() in ("Args:", "Arguments:"):
-            inside = True
-        elif inside and line and not line.startswith(" "):
-            break
-        elif inside and line.strip():
-            head, colon, rest = line.strip().partition(":")
-            if colon and head.isidentifier() and len(line) - len(line.lstrip()) <= 4:
-                current, found[head] = head, rest.strip()
-            elif current:
-                found[current] += " " + line.strip()
-    return found

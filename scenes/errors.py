@@ -22,6 +22,20 @@ def in_doubt(doubts: Callable[[], Iterable[str]]) -> Iterator[None]:
         raise
 
 
+def shown(value: object) -> str:
+    """A value as Python writes it, cut short."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # Python writes no whole number of over 4,300 digits
+        return f"a {type(value).__name__} too long to be shown"
+    return clipped(text)
+
+
+def clipped(text: str, most: int = 80) -> str:
+    """A text of so many letters at most."""
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the nearest known word, or the list of known words."""
     known = sorted(known)

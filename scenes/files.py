@@ -14,6 +14,7 @@ from typing import IO, Any, TypeVar
 
 import numpy as np
 
+from scenes.archive import load_npy, load_npz
 from scenes.errors import UserError
 
 T = TypeVar("T")
@@ -81,9 +82,10 @@ def read_arrays(path: str | Path, what: str, build: Callable[[Any], T], remedy: 
     if not path.is_file():
         raise UserError(f"{what} '{path}' does not exist")
     try:
-        with np.load(path, allow_pickle=False) as data:
-            return build(data)
-    except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
+        return build(load_npz(path))
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever an unsound file makes `build` raise means the same to a user
         raise UserError(f"{what} '{path}' was not written by scenectl or is damaged ({error}); {remedy}") from error
 
 
@@ -100,12 +102,12 @@ def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarra
         UserError: there is no such file, or it holds something else.
     """
     try:
-        array = np.load(path, allow_pickle=False)
+        array = load_npy(path)
     except FileNotFoundError:
         raise UserError(f"{what} '{path}' does not exist; {hint}") from None
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError) as error:
         raise UserError(f"{what} '{path}' is not a NumPy array ({error}); {hint}") from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind != "f" or array.ndim != len(layout.split(",")):
+    if array.dtype.kind != "f" or array.ndim != len(layout.split(",")):
         raise UserError(f"{what} '{path}' is not an array of {layout} floats; {hint}")
     if not np.isfinite(array).all():
         raise UserError(f"{what} '{path}' holds numbers that are not finite; {hint}")

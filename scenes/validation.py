@@ -10,7 +10,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from scenes.errors import did_you_mean
+from scenes.errors import clipped, did_you_mean, shown
 
 
 def sentence(error: ValidationError, data: Any, root: Any, hidden: Collection[str] = ()) -> str:
@@ -27,22 +27,23 @@ def sentence(error: ValidationError, data: Any, root: Any, hidden: Collection[st
     """
     worst = deepest(error)
     where, kind = worst["loc"], worst["type"]
-    message = worst["msg"][:1].lower() + worst["msg"][1:]
+    message = _message(worst)
     if kind == "value_error":
         return worst["msg"].removeprefix("Value error, ")
     if kind in ("extra_forbidden", "missing") and where and isinstance(where[-1], str):
         key, table = where[-1], _locate(where[:-1], data, root)
         if kind == "missing":
             return f"'{key}' is missing" + (f" in [{table.name}]" if table.name else "")
-        known = {name for model in _models(table.hint) for name in _fields(model)} - {*hidden}
-        return _inside(table.name) + f"unknown key '{key}'{did_you_mean(key, known)}"
+        known = {name for model in models_of(table.hint) for name in _fields(model)} - {*hidden}
+        return _inside(table.name) + f"unknown key '{clipped(key)}'{did_you_mean(key, known)}"
     place = _locate(where, data, root)
     if kind.startswith("union_tag"):
         return _inside(place.name) + _tag(worst, place.hint)
     if not place.name:
         return f"{message}, not {shown(worst['input'])}"
     message = "a number is missing" if kind == "missing" else message
-    return f"'{place.name}' is {place.given!r}: {message}"
+    given = worst["input"] if place.given is None else place.given  # a short form, which was read as a table
+    return f"'{place.name}' is {shown(given)}: {message}"
 
 
 def deepest(error: ValidationError) -> ErrorDetails:
@@ -55,10 +56,27 @@ def deepest(error: ValidationError) -> ErrorDetails:
     return max(found, key=lambda e: (e["type"] == "value_error", e["type"] == "extra_forbidden", len(e["loc"])))
 
 
-def shown(value: Any) -> str:
-    """A value as Python writes it, cut short."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+_WANTED = {
+    "model_type": "a table", "model_attributes_type": "a table", "dict_type": "a table", "is_instance_of": "a table",
+    "tuple_type": "a list", "list_type": "a list", "set_type": "a list", "path_type": "a path, as text",
+    "string_type": "text", "bool_type": "true or false", "bool_parsing": "true or false", "int_type": "a whole number",
+    "int_parsing": "a whole number", "int_from_float": "a whole number", "float_type": "a number",
+    "float_parsing": "a number", "named_tuple_type": "a list of numbers", "missing_argument": "a list of more numbers",
+    "unexpected_positional_argument": "a list of fewer numbers",
+}  # fmt: skip
+"""What a file may say instead, by the kind of pydantic's error, whose own words are those of Python."""
+
+
+def _message(error: ErrorDetails) -> str:
+    """What is wrong with a value, in the words of files."""
+    kind, facts = error["type"], error.get("ctx", {})
+    if kind in _WANTED:
+        return f"input should be {_WANTED[kind]}"
+    if kind == "too_long":
+        return f"it should have {facts['max_length']} entries at most, not {facts['actual_length']}"
+    if kind == "too_short":
+        return f"it should have {facts['min_length']} entries or more, not {facts['actual_length']}"
+    return error["msg"][:1].lower() + error["msg"][1:]
 
 
 def _inside(table: str) -> str:
@@ -78,7 +96,7 @@ def _locate(where: tuple[int | str, ...], data: Any, root: Any) -> _Place:
     """Follow an error's location through models, lists and unions; a value that holds no table is not entered."""
     name, hint, given = "", root, data
     for part in where:
-        models = list(_models(hint))
+        models = list(models_of(hint))
         if not models:
             break
         if isinstance(part, int):
@@ -91,13 +109,13 @@ def _locate(where: tuple[int | str, ...], data: Any, root: Any) -> _Place:
     return _Place(name, hint, given)
 
 
-def _models(hint: Any) -> Iterator[type[BaseModel]]:
+def models_of(hint: Any) -> Iterator[type[BaseModel]]:
     """Every model in a type: alternatives of a union, and what lists hold."""
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         yield hint
         return
     for inner in get_args(hint)[:1] if get_origin(hint) is Annotated else get_args(hint):
-        yield from _models(inner)
+        yield from models_of(inner)
 
 
 def _fields(model: type[BaseModel]) -> dict[str, Any]:
@@ -108,8 +126,8 @@ def _fields(model: type[BaseModel]) -> dict[str, Any]:
 def _item(hint: Any) -> Any:
     """What a list of this type holds."""
     if get_origin(hint) in (Annotated, Union, types.UnionType):
-        return next((_item(inner) for inner in get_args(hint) if any(_models(inner))), hint)
-    return next((inner for inner in get_args(hint) if any(_models(inner))), hint)
+        return next((_item(inner) for inner in get_args(hint) if any(models_of(inner))), hint)
+    return next((inner for inner in get_args(hint) if any(models_of(inner))), hint)
 
 
 def _entry(given: Any, part: int | str) -> Any:
@@ -125,6 +143,6 @@ def _kind(model: type[BaseModel]) -> Any:
 
 def _tag(error: ErrorDetails, hint: Any) -> str:
     """A table that doesn't say of which kind it is, or says one that does not exist."""
-    facts, kinds = error.get("ctx", {}), [str(_kind(model)) for model in _models(hint)]
-    said = f"is '{facts['tag']}'" if "tag" in facts else "is missing"
+    facts, kinds = error.get("ctx", {}), [str(_kind(model)) for model in models_of(hint)]
+    said = f"is '{clipped(facts['tag'])}'" if "tag" in facts else "is missing"
     return f"{facts['discriminator']} {said}{did_you_mean(facts.get('tag', ''), kinds)}"

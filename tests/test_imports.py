@@ -25,6 +25,7 @@ ROOMS = {
         "errors",
         "numbers",
         "validation",
+        "archive",
         "files",
         "kernels",
         "motion",

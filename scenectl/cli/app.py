@@ -18,7 +18,9 @@ from scenectl.console.lazy import group
 from scenectl.version import __version__
 from scenes.errors import UserError
 
-COMMANDS = ("check", "run", "score", "view", "edit", "goals", "schema", "scenes", "bake", "body", "train", "bench")
+COMMANDS = (
+    "check", "run", "score", "view", "edit", "goals", "schema", "scenes", "bake", "body", "train", "bench", "help",
+)  # fmt: skip
 
 app = typer.Typer(
     cls=group("scenectl.cli", *COMMANDS),
@@ -71,9 +73,9 @@ def entry() -> None:
 
 
 def _leave(sentence: str) -> None:
-    from scenectl.console.console import err, literal
+    from scenectl.console.console import complain
 
-    err.print("scenectl: " + literal(" ".join(sentence.split())))
+    complain(sentence)
     sys.exit(2)
 
 

@@ -9,15 +9,27 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import bars, err, literal, out
-from scenectl.console.options import GENERATOR, AllowUnmet, Generator, MotionFile
-from scenectl.console.results import leave, show_samples
+from scenectl.console.console import bars, doubt, err, literal, note, out
+from scenectl.console.options import (
+    GENERATOR,
+    AllowCode,
+    AllowUnmet,
+    Fps,
+    Generator,
+    MotionFile,
+    Unit,
+    Up,
+    allow,
+    motion_read,
+)
+from scenectl.console.results import drawn, leave, show_samples
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
     from jaxtyping import Bool
     from torch import Tensor
 
+    from scenectl.tasks.task import Task
     from scenes.motion.motion import Motion
 
 Spans = Annotated[
@@ -37,36 +49,71 @@ def edit(
     sample: Annotated[int, typer.Option(min=0, help="Which motion of a result, 0 is the best.")] = 0,
     samples: Annotated[int, typer.Option(min=1, max=256, help="Motions to make.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    task: Annotated[
+        Path | None, typer.Option(help="Its scene and goals count; by default those of the result's own task.")
+    ] = None,
     weights: Annotated[str, typer.Option(help="Bundled weights, or a folder.")] = "default",
     generator: Generator = GENERATOR,
+    preview: Annotated[bool, typer.Option(help="Draw preview.png.")] = True,
+    allow_code: AllowCode = None,
     allow_unmet: AllowUnmet = False,
+    fps: Fps = None,
+    unit: Unit = None,
+    up: Up = None,
 ) -> None:
-    """Make parts of a motion anew: motion.npz and report.json in DIR, as `scenectl run` writes them.
+    """Make parts of a motion anew: motion.npz, report.json and preview.png in DIR, as `scenectl run` writes them.
 
-    Exits with 3 where no edit is believable, what was kept included.
+    Exits with 3 where no edit is both met and believable, what was kept included.
     """
     with importing():
         from scenectl.generators import load_generator
         from scenectl.generators.registry import find
         from scenectl.pipeline.editing import check, edited
-        from scenectl.pipeline.results import load_sample
         from scenes.files import writable_folder
 
-    original = load_sample(motion, sample)
+    allow(allow_code)
+    spec = find(generator).spec
+    original = _original(motion_read(motion, fps, unit, up), sample, motion, spec.fps)
     mask = _mask(original, regenerate or [], keep or [])
-    check(original, mask, find(generator).spec)
+    check(original, mask, spec)
     if not prompt.strip():
         raise UserError("--prompt is empty; describe the motion in a sentence, such as 'a person walks'")
+    kept = _task(motion, task)
     writable_folder(output)
     with bars() as progress:
         maker = load_generator(generator, weights)
-        result = edited(maker, original, mask, prompt, samples, seed, progress)
+        result = edited(maker, original, mask, prompt, samples, seed, progress, kept)
     result.report["edit"]["motion"] = str(motion)
     result.save(output, preview=False)
+    pictured = preview and drawn(result, output / "preview.png")
     err.print(literal(f"weights: {maker.licence}"))
     show_samples(result)
-    out.print(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote motion.npz and report.json in {output}")
+    doubt(result.report["scene"]["doubts"])
+    files = f"motion.npz, report.json{' and preview.png' if pictured else ''}"
+    out.print(literal(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote {files} in {output}"))
     leave(result, allow_unmet)
+
+
+def _original(motion: Motion, sample: int, path: Path, fps: float) -> Motion:
+    """The motion to edit, on the generator's clock; says so where it had another."""
+    from scenectl.data.formats.motions import one_of
+    from scenectl.pipeline.editing import on_clock
+    from scenes.motion.rates import told
+
+    one = one_of(motion, sample, path)
+    if one.fps != fps:
+        note((f"the motion is edited at the generator's rate: {told(one.fps, fps)}",))
+    return on_clock(one, fps)
+
+
+def _task(motion: Path, file: Path | None) -> Task | None:
+    """The task in a file; that of the result where none is stated, and None where the motion is not a result."""
+    from scenectl.pipeline.results import load_result
+    from scenectl.tasks.task import Task, load_task
+
+    if file is not None:
+        return load_task(file)
+    return Task(**load_result(motion)[1]["task"]) if (motion / "report.json").is_file() else None
 
 
 def _mask(motion: Motion, regenerate: list[str], keep: list[str]) -> Bool[Tensor, " T"]:

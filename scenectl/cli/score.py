@@ -9,7 +9,7 @@ import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import bars
-from scenectl.console.options import AllowCode, AllowUnmet, MotionFile, TaskFile, allow
+from scenectl.console.options import AllowCode, AllowUnmet, Fps, MotionFile, TaskFile, Unit, Up, allow, motion_read
 from scenectl.console.results import leave, show_samples
 
 
@@ -19,6 +19,9 @@ def score(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the report to this file.")] = None,
     allow_code: AllowCode = None,
     allow_unmet: AllowUnmet = False,
+    fps: Fps = None,
+    unit: Unit = None,
+    up: Up = None,
 ) -> None:
     """Report how well finished motions meet a task, and whether a person would move like that, ranked as by `run`.
 
@@ -28,13 +31,12 @@ def score(
         from scenectl.pipeline.run import score as judge
         from scenectl.tasks.task import load_task
         from scenes.files import write_json
-        from scenes.motion.motion import Motion
 
     allow(allow_code)
     loaded = load_task(task)
-    joints = Motion.load(motion / "motion.npz" if motion.is_dir() else motion)
+    made = motion_read(motion, fps, unit, up)
     with bars() as progress:
-        result = judge(joints, loaded, progress)
+        result = judge(made, loaded, progress)
     show_samples(result)
     if json_file is not None:
         write_json(result.report, json_file, allow_nan=False)

@@ -54,6 +54,17 @@ def doubt(sentences: Iterable[str]) -> None:
         err.print(literal(f"scenectl: in doubt: {sentence}"))
 
 
+def complain(sentence: str) -> None:
+    """What is wrong with the input, in a line on standard error."""
+    err.print("scenectl: " + literal(" ".join(sentence.split())))
+
+
+def note(sentences: Iterable[str]) -> None:
+    """What was decided about the input, a line each, on standard error."""
+    for sentence in sentences:
+        err.print(literal(f"scenectl: {sentence}"))
+
+
 def table(*headings: str) -> Table:
     """A table without lines."""
     return Table(*headings, box=None, pad_edge=False)

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+if TYPE_CHECKING:
+    from scenes.motion.motion import Motion
+
 TaskFile = Annotated[Path, typer.Argument(metavar="TASK", help="A task file (TOML).")]
-MotionFile = Annotated[Path, typer.Argument(metavar="MOTION", help="motion.npz, or a folder that holds one.")]
+MotionFile = Annotated[
+    Path, typer.Argument(metavar="MOTION", help="A result's folder, or joints or features: .npz, .npy or .bvh.")
+]
+Fps = Annotated[float | None, typer.Option(help="Frames a second of the motion, where its file does not say.")]
+Unit = Annotated[str | None, typer.Option(help="Of the file: m, cm, mm, in or ft.")]
+Up = Annotated[str | None, typer.Option(help="The file's axis that is up: x, y or z.")]
 AllowCode = Annotated[
     Path | None, typer.Option("--allow-code", metavar="FILE.py", help="Run this file for its @goal functions.")
 ]
@@ -17,7 +25,7 @@ AllowUnmet = Annotated[
 ]
 GENERATOR = "mscot"
 """The default, as in `scenectl.generators.registry`, which help does not import."""
-Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]
+Data = Annotated[Path, typer.Option("--data", help="Recorded motions: a collection, or HumanML3D (docs/formats.md).")]
 Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ..., "rows": [...]} to this file.')]
 Weights = Annotated[str, typer.Option(help="Weights: 'default', 'permissive' or a folder.")]
 Generator = Annotated[str, typer.Option(help="A registered generator.")]
@@ -31,6 +39,17 @@ Shard = Annotated[
 Seed = Annotated[int, typer.Option(help="Of everything random.")]
 Threads = Annotated[int | None, typer.Option(min=1, max=256, help="CPU threads; one by default.")]
 DATA = Path("../shared/data/motions")
+
+
+def motion_read(path: Path, fps: float | None, unit: str | None, up: str | None) -> Motion:
+    """The motion in a file of any kind; what was decided about it, and what is in doubt, is told."""
+    from scenectl.console.console import doubt, note
+    from scenectl.data.formats.motions import read_motion
+
+    reading = read_motion(path, fps, unit, up)
+    note(reading.notes)
+    doubt(reading.doubts)
+    return reading.motion
 
 
 def allow(path: Path | None) -> None:

@@ -32,6 +32,12 @@ CREDITS = {
 }
 """What the sources ask to be said wherever something made from them is shipped."""
 
+HOW = (
+    "give --data a motion collection, which scenectl.data.collection.write_collection makes of your own BVH, npy or "
+    "npz files (docs/formats.md)"
+)
+"""Where to get one."""
+
 _SWAP = {"left": "right", "right": "left", "clockwise": "counterclockwise", "counterclockwise": "clockwise"}
 _SIDES = re.compile(rf"(?<![^ ])({'|'.join(_SWAP)})(?=[.,;:!]*(?: |\Z))")
 """Those words, with punctuation behind them or without."""
@@ -75,7 +81,7 @@ def load_motions(folder: str | Path, splits: Sequence[str] = ("train",)) -> list
     folder = Path(folder)
     for name in ("motions_20fps.npz", "clips.jsonl"):
         if not (folder / name).is_file():
-            raise UserError(f"motion folder '{folder}' has no {name}; see the README of the collection for its layout")
+            raise UserError(f"motion folder '{folder}' has no {name}; recorded motions are needed: {HOW}")
     try:
         positions = _positions(folder / "motions_20fps.npz")
         rows = [json.loads(line) for line in (folder / "clips.jsonl").read_text().splitlines() if line.strip()]

@@ -68,10 +68,16 @@ def match_joints(names: Sequence[str], stated: Mapping[str, str] | None = None) 
     missing = [name for name in HUMANML3D.names if name not in found and name not in DERIVED]
     if missing:
         raise UserError(
-            f"no joint found for {', '.join(missing)} among {', '.join(names)}; "
+            f"no joint found for {', '.join(missing)} among {listed(names)}; "
             "rename them or state which is which in `joints`"
         )
     return found
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in one sentence, the first dozen of them, each cut short."""
+    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
+    return ", ".join(name if len(name) <= 30 else name[:27] + "..." for name in names[:12]) + more
 
 
 def _stated(names: Sequence[str], stated: Mapping[str, str]) -> dict[str, int]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel
 
 from scenectl.generators.spec import Spec
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, clipped, did_you_mean
 
 if TYPE_CHECKING:
     from scenectl.generators.base import Generator
@@ -85,4 +85,4 @@ def find(name: str) -> Family:
         if not isinstance(found, Family):
             raise UserError(f"generator '{name}': {point.value} is no scenectl.generators.registry.Family")
         return found
-    raise UserError(f"unknown generator '{name}'{did_you_mean(name, names())}")
+    raise UserError(f"unknown generator '{clipped(name)}'{did_you_mean(name, names())}")

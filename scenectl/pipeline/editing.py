@@ -1,7 +1,9 @@
 """Edits of finished motions by any generator that is an `Editor`: what is kept comes back exactly, seams are smooth.
 
 The editor keeps what it can (for MSCoT: tokens, as in MoSa, section IV-D), refinement draws the kept frames beside
-each seam onto the original, and what then remains of a jump is spread over the frames made anew.
+each seam onto the original and the whole motion towards its goals, and what then remains of a jump is spread over the
+frames made anew. Motions longer than an editor makes at once are edited in windows, each beginning where frames are
+known: those kept, or those that the window before has made.
 """
 
 from __future__ import annotations
@@ -9,30 +11,36 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from scenectl.control import ObjectiveGuide
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
 from scenectl.generators import registry
 from scenectl.generators.base import Draft, Editor, Generator, Guide, Progress, Step
 from scenectl.generators.spec import Spec
+from scenectl.pipeline.parts import PartGuide, Window, windows_over
 from scenectl.pipeline.results import Result
 from scenectl.pipeline.run import score
 from scenectl.tasks.schema import SceneSpec
+from scenectl.tasks.setup import start_of
 from scenectl.tasks.task import Task
 from scenectl.threads import threads
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
-from scenes.motion.frames import origin_near
+from scenes.motion.frames import Place, origin_near
 from scenes.motion.motion import Motion
 
 BESIDE = 12
 """Kept frames beside each seam that refinement fits: those further off are put back as they were anyway."""
 SIGMA = 0.03
 """Distance (m) from the original, root mean square of the joints, that counts half a nat a frame."""
+NEAR = 0.3
+"""Distance (m) from the place that a window of a longer gap shall end at that counts half a nat: half a step."""
 SETTLE = 20
 """Frames made anew over which a seam's remaining jump dies away, where there are as many."""
 
@@ -47,18 +55,20 @@ def edit(
     seed: int = 0,
     progress: Progress | None = None,
     iterations: int = 40,
+    origin: Place | None = None,
 ) -> Draft:
     """Make parts of one motion anew.
 
     Args:
         generator: one that can edit.
-        motion: ``[T, J, 3]`` metres, world, on the generator's clock and skeleton, no longer than it makes at once.
+        motion: ``[T, J, 3]`` metres, world, on the generator's clock and skeleton, no longer than it makes motions.
         regenerate: the frames to make anew; what the motion holds there is of no account.
         prompt: what the whole motion shall be.
-        guide: further goals, for the motion as it is seen from the whole hundreds of metres near it
-            (`scenes.motion.frames.origin_near` its first pelvis), where that is far from the origin.
+        guide: further goals, for the whole motion as it is seen from `origin`.
         samples, seed, progress: as for `Generator.generate`.
         iterations: refinement steps.
+        origin: where the frame begins (m, world) in which all is computed; by default at the whole hundreds of metres
+            near its first pelvis (`scenes.motion.frames.origin_near`), where that is far from the world's.
 
     Returns:
         Motions ``[samples, T, J, 3]``, equal to the one given in every frame kept; without a step to refine further.
@@ -70,22 +80,52 @@ def edit(
         able = [name for name in registry.names() if "edit" in registry.find(name).spec.abilities]
         raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
     check(motion, regenerate, generator.spec)
-    origin = origin_near(motion.joint("pelvis")[0].tolist())
-    motion = motion.seen_from(origin)
-    keeping, solver = SeamGuide(motion, ~regenerate, guide), SolverSettings(iterations=iterations)
+    origin = origin_near(motion.joint("pelvis")[0].tolist()) if origin is None else origin
+    whole, solver = motion.seen_from(origin), SolverSettings(iterations=iterations)
+    edits, trace = [whole], {}
+
+    def made(motion: Motion, window: Window, count: int, seed: int) -> list[Motion]:
+        part, inside = window.of(motion), window.inside
+        others = None if guide is None else PartGuide(guide, motion, window)
+        keeping = SeamGuide(part, ~inside, others, window.toward(motion))
+        draft = generator.edit(part, inside, prompt, guide=keeping, samples=count, seed=seed, progress=progress)
+        trace.update(draft.trace)
+        fitted = draft.motion if draft.step is None else refined(draft.step, keeping, solver)
+        several = window.put(motion, settled(part, fitted, inside).joints)
+        return [several[k] for k in range(count)]
+
     with threads():
-        draft = generator.edit(motion, regenerate, prompt, guide=keeping, samples=samples, seed=seed, progress=progress)
-        made = draft.motion if draft.step is None else refined(draft.step, keeping, solver)
-    return Draft(settled(motion, made, regenerate).moved(origin), None, draft.trace)
+        for k, window in enumerate(windows_over(regenerate, generator.spec.window_frames)):
+            count = samples if k == 0 else 1  # from the first window on each sample goes its own way
+            edits = [new for s, old in enumerate(edits) for new in made(old, window, count, _seed(seed, k, s))]
+    joints = torch.stack([motion.joints for motion in edits])
+    batch = replace(whole, joints=joints, valid=whole.valid.expand(joints.shape[:2]))
+    return Draft(batch.moved(origin), None, trace)
+
+
+def _seed(seed: int, window: int, sample: int) -> int:
+    """The seed itself in the first window, and others of its own in each further one."""
+    return seed if window == 0 else int(np.random.SeedSequence([seed, window, sample]).generate_state(1)[0])
+
+
+def on_clock(motion: Motion, fps: float) -> Motion:
+    """One motion without its padding, at a generator's frames a second."""
+    real = replace(motion, joints=motion.joints[motion.valid], valid=motion.valid[motion.valid])
+    return real if real.fps == fps else real.resampled(fps)
 
 
 def mask_of(motion: Motion, spans: Sequence[tuple[float, float]]) -> Bool[Tensor, " T"]:
-    """The frames of spans of seconds, each from its start to before its end; raises UserError for one past the end."""
+    """The frames of spans of seconds, each from its start to before its end; raises UserError for one past the end.
+
+    Seconds are those of the motion's clock, on which its first frame is at `t0`.
+    """
     mask = torch.zeros(motion.frames, dtype=torch.bool)
     for start, end in spans:
-        if start >= motion.seconds:
-            raise UserError(f"{start:g}-{end:g} begins after the motion, which lasts {motion.seconds:g} s")
-        mask[round(start * motion.fps) : round(end * motion.fps)] = True
+        first, last = (round((time - motion.t0) * motion.fps) for time in (start, end))
+        if first < 0 or last > motion.frames:
+            lasts = f"which lasts {motion.seconds:g} s" if motion.t0 == 0 else f"{motion.t0:g} to {motion.seconds:g} s"
+            raise UserError(f"{start:g}-{end:g} goes beyond the motion, {lasts}")
+        mask[first:last] = True
     return mask
 
 
@@ -97,12 +137,28 @@ def edited(
     samples: int = 1,
     seed: int = 0,
     progress: Progress | None = None,
+    task: Task | None = None,
 ) -> Result:
-    """The edits that `edit` makes, measured on the floor that the kept frames stand on; arguments as it takes them."""
-    made = edit(generator, motion, regenerate, prompt, samples=samples, seed=seed, progress=progress)
-    floor = float(motion.joints[~regenerate][..., 1].min()) - DEFAULT_BODY.sole_offset
-    task = Task(prompt=prompt, seconds=motion.seconds, scene=SceneSpec(floor=floor))
-    result = score(made.motion, task, progress)
+    """The edits that `edit` makes, measured and ranked.
+
+    Args:
+        generator, motion, regenerate, prompt, samples, seed, progress: as `edit` takes them.
+        task: scene and goals, which guide what is made and are measured; by default there is only the floor that the
+            kept frames stand on.
+    """
+    check(motion, regenerate, generator.spec)
+    if task is None:
+        floor = float(motion.joints[~regenerate][..., 1].min()) - DEFAULT_BODY.sole_offset
+        task = Task(prompt=prompt, seconds=motion.seconds, scene=SceneSpec(floor=floor))
+    task = task.model_copy(update={"prompt": prompt, "seconds": task.seconds or motion.seconds})
+    with task.named():
+        setup = task.build(start=start_of(motion, task.load_body()), spec=generator.spec)
+        setup.objective.check(setup.context, motion.seconds, motion.fps, motion.t0)
+    guide = None
+    if setup.objective.counted:
+        guide = ObjectiveGuide(setup.objective, setup.context, task.guidance, on_ground=True)
+    made = edit(generator, motion, regenerate, prompt, guide, samples, seed, progress, origin=setup.origin)
+    result = score(made.motion, task, progress, setup=setup)
     result.report["seed"] = seed
     result.report["generator"] = {"name": generator.name, "licence": generator.licence, "trace": {}}
     result.report["edit"] = {"regenerated_frames": regenerate.nonzero().flatten().tolist()}
@@ -118,8 +174,10 @@ def check(motion: Motion, regenerate: Bool[Tensor, " T"], spec: Spec) -> None:
             f"the motion has another skeleton; an edit takes the generator's {len(spec.skeleton.names)} joints"
         )
     if motion.fps != spec.fps:
-        raise UserError(f"the motion has {motion.fps:g} frames a second; an edit takes {spec.fps:g}: resample it first")
-    low, high = spec.shortest_frames, spec.window_frames
+        raise UserError(
+            f"the motion has {motion.fps:g} frames a second; an edit takes {spec.fps:g}: take motion.resampled first"
+        )
+    low, high = spec.shortest_frames, round(spec.longest * spec.fps)
     if not low <= motion.frames <= high:
         raise UserError(f"the motion has {motion.frames} frames; an edit takes {low} to {high}")
     if not motion.valid.all() or not torch.isfinite(motion.joints).all():
@@ -142,17 +200,30 @@ def check(motion: Motion, regenerate: Bool[Tensor, " T"], spec: Spec) -> None:
 
 
 class SeamGuide:
-    """A guide towards the kept frames beside the seams, in the world, and towards another guide's goals."""
+    """A guide towards the kept frames beside the seams, in the world, and towards another guide's goals.
 
-    def __init__(self, motion: Motion, kept: Bool[Tensor, " T"], others: Guide | None = None) -> None:
-        self.others = others
+    Where a window makes the beginning of a longer gap, `toward` says where its last frame shall be (x, z, m).
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        kept: Bool[Tensor, " T"],
+        others: Guide | None = None,
+        toward: Float[Tensor, "2"] | None = None,
+    ) -> None:
+        self.others, self.toward = others, toward
         self.frames = torch.nonzero(kept & near(~kept, BESIDE)).flatten()
         self.goal = motion.joints[self.frames]
 
     def cost(self, motion: Motion) -> Float[Tensor, " S"]:
         """Squared distance from the original, over the variance that `SIGMA` says, mean over joints."""
         away = (motion.joints[:, self.frames] - self.goal).square().sum(-1).mean(-1)
-        return away.sum(-1) / (2 * SIGMA**2)
+        cost = away.sum(-1) / (2 * SIGMA**2)
+        if self.toward is None:
+            return cost
+        left = motion.joint("pelvis")[:, -1, [0, 2]] - self.toward
+        return cost + left.square().sum(-1) / (2 * NEAR**2)
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         kept = -self.cost(step.decode(step.value))

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from torch import Tensor
 
 from objectives import TermReport
+from scenectl.data.formats.motions import load_motion
 from scenectl.measures.believability.judge import Series
 from scenectl.measures.believability.verdict import Verdict
 from scenectl.pipeline.tables import ReportTable
@@ -125,7 +126,7 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
     Reports of format 1 have None for what they do not know: `believable`, `verdict` and `series` of samples.
     """
     folder = Path(folder)
-    motion, report = Motion.load(folder / "motion.npz"), _report(folder / "report.json")
+    motion, report = load_motion(folder / "motion.npz"), _report(folder / "report.json")
     seed = read_arrays(folder / "motion.npz", "motion file", lambda data: int(data["seed"]), "run the task again")
     counts = len(motion.joints) if motion.joints.ndim == 4 else 1, len(report["samples"])
     for what, one, other in (("seed", seed, report["seed"]), ("number of samples", *counts)):
@@ -153,20 +154,11 @@ def _report(path: Path) -> dict[str, Any]:
         ) from error
     for row in report["samples"]:
         row.update({key: row.get(key) for key in ("believable", "verdict", "series")})
+    if report["format"] == 1:  # its tasks state all that they avoid, and their walks go on to the end
+        report["task"].setdefault("avoid", False)
+        if isinstance(walk := report["task"].get("walk"), dict):
+            walk.setdefault("stop", False)
     return report
-
-
-def load_sample(path: str | Path, sample: int = 0) -> Motion:
-    """One motion ``[T, J, 3]`` of a file or of a result's folder, where 0 is the best; raises UserError for none."""
-    path = Path(path)
-    motion = Motion.load(path / "motion.npz" if path.is_dir() else path)
-    if motion.joints.ndim == 3:
-        return motion
-    if motion.joints.ndim > 4 or sample >= len(motion.joints):
-        raise UserError(
-            f"'{path}' holds {len(motion.joints)} motions; --sample goes from 0 to {len(motion.joints) - 1}"
-        )
-    return motion[sample]
 
 
 def plain_json(value: Any) -> Any:

@@ -94,12 +94,18 @@ def _refinement(found: Solution | None) -> dict[str, Any] | None:
     return None if found is None else {"solver": found.solver, "passes": found.evaluations, "ended": found.reasons}
 
 
-def score(motion: Motion, task: Task, progress: Progress | None = None, drawer: Drawer | None = None) -> Result:
+def score(
+    motion: Motion,
+    task: Task,
+    progress: Progress | None = None,
+    drawer: Drawer | None = None,
+    setup: Setup | None = None,
+) -> Result:
     """Report on finished motions, ``[T, J, 3]`` or ``[S, T, J, 3]``, ranked as `run` ranks them.
 
     The start is taken from the first motion's first frame, so that a walk is planned from where it began. Raises
     UserError when the task asks for something at a time that the motion does not reach, and for a motion without a
-    valid frame.
+    valid frame. `setup` is the task already built and checked for such motions, so that a scene is read once.
     """
     tell = progress or silent
     tell("reading the scene and planning", 0.0)
@@ -108,8 +114,10 @@ def score(motion: Motion, task: Task, progress: Progress | None = None, drawer: 
         raise UserError("the motion has a sample of which no frame is valid; 'valid' is true where a frame is real")
     if task.seconds is None:  # it followed from the path; now it is known
         task = task.model_copy(update={"seconds": batch.seconds})
-    setup = task.build(start=start_of(batch[0], task.load_body()))
-    setup.objective.check(setup.context, batch.seconds, batch.fps, batch.t0)
+    if setup is None:
+        with task.named():
+            setup = task.build(start=start_of(batch[0], task.load_body()))
+            setup.objective.check(setup.context, batch.seconds, batch.fps, batch.t0)
     seen = batch.seen_from(setup.origin)
     with threads(task.generator.threads) as number:
         made, rows = ranked(seen, None, setup, Scorer(setup.scene, setup.body), tell)

@@ -22,7 +22,7 @@ from scenectl.tasks.dump import plain, scene_table, term_table
 from scenectl.threads import MOST
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.body.proxies import load_body
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, did_you_mean, shown
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
@@ -375,7 +375,7 @@ def _moved(place: Sequence[float], by: Place) -> tuple[float, ...]:
 
 def _mapping(value: Any) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise UserError(f"a goal must be a [[goal]] table, not {value!r}")
+        raise UserError(f"a goal must be a [[goal]] table, not {shown(value)}")
     return value
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from pydantic import ValidationError
+from pydantic import PrivateAttr, ValidationError
 
 from scenectl.generators.spec import Spec
 from scenectl.tasks.schema import GeneratorSpec, Start, TaskTable, known_keys
@@ -21,6 +23,18 @@ from scenes.world.scene import Scene
 class Task(TaskTable):
     """What shall happen; see `TaskTable` for the keys of a task file."""
 
+    _file: Path | None = PrivateAttr(None)
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """UserErrors inside name the task's file, where it was read from one."""
+        try:
+            yield
+        except UserError as error:
+            if self._file is None:
+                raise
+            raise UserError(f"task file '{self._file}': {error}") from error
+
     def build(
         self,
         seed: int | None = None,
@@ -32,12 +46,13 @@ class Task(TaskTable):
 
         A scene far from the origin is planned, and its motions made, in a frame near it: see `Setup.origin`.
         """
-        scene = self.load_scene() if scene is None else scene
-        origin = self.origin(scene, start)
-        if origin == HOME:
-            return plan(self, seed, start, scene, spec)
-        start = None if start is None else start.moved(back(origin))
-        return replace(plan(self.seen_from(origin), seed, start, scene.seen_from(origin), spec), task=self)
+        with self.named():
+            scene = self.load_scene() if scene is None else scene
+            origin = self.origin(scene, start)
+            if origin == HOME:
+                return plan(self, seed, start, scene, spec)
+            start = None if start is None else start.moved(back(origin))
+            return replace(plan(self.seen_from(origin), seed, start, scene.seen_from(origin), spec), task=self)
 
     def origin(self, scene: Scene, start: Pose2D | None = None) -> Place:
         """Where the frame begins (m, world) that a scene is computed in: near it, or on bare floor near the start."""
@@ -81,6 +96,8 @@ def load_task(path: str | Path) -> Task:
         for key in ("folder", "goals"):  # names for Python; in a file the one is implied and the other [[goal]]
             if key in table:
                 raise UserError(f"unknown key '{key}'{did_you_mean(key, known_keys(Task))}")
-        return Task(**table, folder=path.resolve().parent)
+        task = Task(**table, folder=path.resolve().parent)
+        task._file = path
+        return task
     except UserError as error:
         raise UserError(f"task file '{path}': {error}") from error

@@ -9,13 +9,15 @@ import numpy as np
 
 from scenectl.view.picture import Picture
 from scenectl.view.window import open_window
+from scenes.body.body import DEFAULT_BODY
 from scenes.motion.frames import origin_near
+from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
 
 if TYPE_CHECKING:
     from scenectl.pipeline.results import Result
 
-__all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_result", "of_scene", "open_window"]
+__all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_motion", "of_result", "of_scene", "open_window"]
 
 
 def of_scene(scene: Scene) -> Picture:
@@ -30,20 +32,24 @@ def of_result(result: Result, sample: int = 0) -> Picture:
     return Picture(setup.scene, motion, setup.path, setup.objective, setup.task.prompt, setup.body)
 
 
+def of_motion(motion: Motion, title: str = "") -> Picture:
+    """One motion ``[T, J, 3]`` on an empty floor, at the height of its lowest foot."""
+    motion = motion.seen_from(origin_near(motion.joint("pelvis")[0].tolist()))
+    floor = float(motion.joints[motion.valid][..., 1].min()) - DEFAULT_BODY.sole_offset
+    return Picture(Scene.empty(floor), motion, title=title)
+
+
 def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     """One motion of a folder that `scenectl run` wrote; raises UserError for another folder or a missing sample."""
     from objectives import Objective
+    from scenectl.data.formats.motions import one_of
     from scenectl.pipeline.results import load_result
     from scenectl.tasks.setup import start_of
     from scenectl.tasks.task import Task
     from scenectl.tasks.walk import walk_terms
-    from scenes.errors import UserError
 
     motion, report = load_result(folder)
-    count = motion.joints.shape[0] if motion.joints.ndim == 4 else 1
-    if sample >= count:
-        raise UserError(f"'{folder}' holds {count} motions; --sample goes from 0 to {count - 1}")
-    one = motion[sample] if motion.joints.ndim == 4 else motion
+    one = one_of(motion, sample, folder)
     task = Task(**report["task"])
     planned, scene = report.get("walk"), task.load_scene()
     origin = task.origin(scene, start_of(one, task.load_body()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
@@ -11,10 +12,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from scenes.archive import load_npz, npz_headers
 from scenes.errors import UserError
-from scenes.files import atomic_write, read_arrays
+from scenes.files import atomic_write
 from scenes.motion.frames import HOME, Place, about_y, back, fine_enough, shifted
+from scenes.motion.rates import stride_of
 from scenes.motion.skeleton import HUMANML3D, Skeleton
+from scenes.motion.sound import check_places, check_rate, check_shapes, check_times, check_valid
 
 
 @dataclass(frozen=True)
@@ -128,13 +132,28 @@ class Motion:
         """One motion of a batch."""
         return replace(self, joints=self.joints[sample], valid=self.valid[sample])
 
+    def resampled(self, fps: float | int) -> Motion:
+        """The same at another rate: frames left out where the rates allow, lines between frames otherwise.
+
+        The first frame stays; the last is the last that the motion still reaches. Interpolated frames are real where
+        both that they lie between are.
+        """
+        if stride := stride_of(self.fps, fps):
+            return replace(self, joints=self.joints[..., ::stride, :, :], valid=self.valid[..., ::stride], fps=fps)
+        last = (self.frames - 1) / self.fps
+        at = torch.arange(int(last * fps + 1e-6) + 1, dtype=torch.float64) / fps * self.fps
+        before = at.long().clamp(max=self.frames - 1)
+        after, share = (before + 1).clamp(max=self.frames - 1), (at - before)[:, None, None].to(self.joints)
+        joints = torch.lerp(self.joints[..., before, :, :], self.joints[..., after, :, :], share)
+        return replace(self, joints=joints, valid=self.valid[..., before] & self.valid[..., after], fps=fps)
+
     def save(self, path: str | Path, **extra: np.ndarray | float | int | str) -> None:
         """Write an .npz file, as `write` does; it is whole or absent."""
         with atomic_write(path) as file:
             self.write(file, **extra)
 
     def write(self, file: IO[bytes], **extra: np.ndarray | float | int | str) -> None:
-        """Write `joints`, `valid`, `fps`, `t0`, joint names and parents, and `extra`, as an .npz archive.
+        """Write `joints`, `valid`, `fps`, `t0`, joint names, parents, offsets, unit and axis, and `extra`, to an .npz.
 
         Joints are float32, or float64 where they are far from the origin (`scenes.motion.frames.fine_enough`).
         """
@@ -146,30 +165,88 @@ class Motion:
             "joint_names": np.array(self.skeleton.names),
             "parents": np.array(self.skeleton.parents),
             "offsets": np.array(self.skeleton.offsets),
+            "unit": np.array("m"),
+            "up": np.array("y"),
             **{key: np.asarray(value) for key, value in extra.items()},
         }
         np.savez_compressed(file, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Motion:
-        """Read a file that `save` wrote; raises UserError for anything else."""
-        return read_arrays(path, "motion file", cls._from_arrays, "save the motion again")
+        """Read a file that `save` wrote; raises UserError for anything else.
+
+        `scenectl.data.formats.load_motion` reads what others write.
+        """
+        try:
+            return cls.from_arrays(read_motion_arrays(path))
+        except FileNotFoundError:
+            raise UserError(f"motion file '{path}' does not exist") from None
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise UserError(
+                f"motion file '{path}' was not written by scenectl or is damaged ({reason}); save the motion again"
+            ) from error
 
     @classmethod
-    def _from_arrays(cls, data: Any) -> Motion:
-        """What `save` wrote; raises ValueError or UserError where it is unsound."""
-        skeleton = Skeleton(
-            tuple(str(name) for name in data["joint_names"]),
-            tuple(int(parent) for parent in data["parents"]),
-            tuple((float(o[0]), float(o[1]), float(o[2])) for o in data["offsets"]),
-        )
-        joints = torch.from_numpy(fine_enough(data["joints"]))
-        valid = torch.from_numpy(data["valid"].astype(bool))
-        motion = cls(joints, valid, float(data["fps"]), float(data["t0"]), skeleton)
-        if joints.numel() == 0:
-            raise ValueError("it holds no frames")
-        if not (0 < motion.fps < float("inf")):
-            raise ValueError(f"it has {motion.fps:g} frames a second, which must be more than 0")
-        if not torch.isfinite(joints).all():
-            raise ValueError("it holds joint positions that are not finite")
-        return motion
+    def from_arrays(cls, data: Mapping[str, Any]) -> Motion:
+        """A motion of the arrays that `save` writes: the one place where motions from files are checked.
+
+        Args:
+            data: `joints` and `fps`; what else is left out is as `Motion` has it by default.
+
+        Raises:
+            ValueError: what is wrong, to be carried on by the caller from "file 'x' ...".
+        """
+        if missing := [key for key in ("joints", "fps") if key not in data]:
+            raise ValueError(f"it holds no '{missing[0]}'")
+        arrays = {key: np.asarray(value) for key, value in data.items()}
+        check_shapes({key: array.shape for key, array in arrays.items()})
+        for key, kinds in _KINDS.items():
+            if key in arrays and arrays[key].dtype.kind not in kinds:
+                raise ValueError(f"its '{key}' are of type {arrays[key].dtype}, not {_WORDS[kinds]}")
+        skeleton, joints = _skeleton(arrays), fine_enough(arrays["joints"])
+        valid = arrays.get("valid", np.ones(joints.shape[:-2], bool)).astype(bool)
+        fps, t0 = float(arrays["fps"].item()), float(arrays.get("t0", np.zeros(())).item())
+        check_rate(fps, joints.shape[-3])
+        check_times(t0)
+        check_valid(valid)
+        check_places(joints, skeleton.names)
+        return cls(torch.from_numpy(joints), torch.from_numpy(valid), fps, t0, skeleton)
+
+
+_KINDS = {
+    "joints": "fiu",
+    "valid": "biu",
+    "fps": "fiu",
+    "t0": "fiu",
+    "joint_names": "US",
+    "parents": "iu",
+    "offsets": "fiu",
+}
+_WORDS = {"fiu": "numbers", "biu": "true or false", "US": "text", "iu": "whole numbers"}
+
+MOST_BYTES = 2**29
+"""Bytes that the arrays of a motion file may take: 256 motions of 60 s at 20 frames a second take 81 MB."""
+
+
+def read_motion_arrays(path: str | Path, keys: Collection[str] = tuple(_KINDS)) -> dict[str, np.ndarray]:
+    """Arrays of an .npz file, of those keys; raises ValueError and OSError as `scenes.archive.load_npz` does.
+
+    Shapes are held against each other before any array is read.
+    """
+    shapes = {key: header.shape for key, header in npz_headers(path).items()}
+    if "joints" in shapes:
+        check_shapes({key: shape for key, shape in shapes.items() if key in _KINDS})
+    return load_npz(path, keys, MOST_BYTES)
+
+
+def _skeleton(arrays: Mapping[str, np.ndarray]) -> Skeleton:
+    """The skeleton of a file; the default where its names, if any, are that one's. Raises ValueError for another."""
+    count = arrays["joints"].shape[-2]
+    names = tuple(arrays["joint_names"].astype(str).tolist()) if "joint_names" in arrays else HUMANML3D.names
+    if {"parents", "offsets"} <= arrays.keys():
+        offsets = tuple((x, y, z) for x, y, z in arrays["offsets"].astype(float).tolist())
+        return Skeleton(names, tuple(arrays["parents"].tolist()), offsets)
+    if count != len(HUMANML3D.names) or names != HUMANML3D.names:
+        raise ValueError(f"it has {count} joints of a skeleton that it does not describe by 'parents' and 'offsets'")
+    return HUMANML3D

@@ -8,10 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, clipped, did_you_mean
 
 FEET = ("left_foot", "right_foot")
 """Joints at the balls of the feet, by which people stand."""
+LONGEST_BONE = 10.0
+"""Metres: beyond it, no person's."""
 
 
 @dataclass(frozen=True)
@@ -20,13 +22,28 @@ class Skeleton:
 
     Attributes:
         names: joint names, the root first.
-        parents: index of each joint's parent, -1 for the root; parents precede children.
+        parents: index of each joint's parent, -1 for the root, which comes first; parents precede children.
         offsets: rest offset of each joint from its parent, metres, y up, facing +z.
     """
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
     offsets: tuple[tuple[float, float, float], ...]
+
+    def __post_init__(self) -> None:
+        count = len(self.names)
+        if not count or len(self.parents) != count or len(self.offsets) != count:
+            raise UserError(
+                f"a skeleton has {count} names, {len(self.parents)} parents, {len(self.offsets)} offsets; give as many"
+            )
+        if len(set(self.names)) < count or not all(self.names):
+            raise UserError("joints of a skeleton lack names, or share one; give each its own")
+        if self.parents[0] != -1 or not all(0 <= parent < j for j, parent in enumerate(self.parents) if j):
+            raise UserError(
+                "parents of joints are their indices, -1 for the first joint, and come before their children"
+            )
+        if not np.isfinite(self.offsets).all() or np.abs(self.offsets).max() > LONGEST_BONE:
+            raise UserError(f"offsets of joints are finite, and at most {LONGEST_BONE:g} m")
 
     @cached_property
     def _index(self) -> dict[str, int]:
@@ -35,7 +52,7 @@ class Skeleton:
     def index(self, name: str) -> int:
         """Index of the joint called `name`; raises UserError naming the nearest known joint."""
         if name not in self._index:
-            raise UserError(f"unknown joint '{name}'{did_you_mean(name, self.names)}")
+            raise UserError(f"unknown joint '{clipped(name)}'{did_you_mean(name, self.names)}")
         return self._index[name]
 
     def indices(self, names: list[str] | tuple[str, ...]) -> list[int]:

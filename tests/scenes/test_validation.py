@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
 
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from scenes.validation import sentence
+
+
+class Spot(NamedTuple):
+    x: float
+    z: float
 
 
 class Table(BaseModel):
@@ -39,6 +45,11 @@ class Room(Table):
 class House(Table):
     rooms: list[Room] = []
     size: Literal["small", "large"] = "small"
+    file: Path | None = None
+    open: bool = True
+    count: int = 0
+    pair: tuple[float, float] = (0.0, 0.0)
+    spot: Spot | None = None
     folder: str = ""
 
 
@@ -46,7 +57,7 @@ class House(Table):
     ("data", "said"),
     [
         ({"sise": "small"}, "unknown key 'sise'; did you mean 'size'?"),
-        ({"zzz": 1}, "unknown key 'zzz'; known are rooms, size"),
+        ({"zzz": 1}, "unknown key 'zzz'; known are count, file, open, pair, rooms, size, spot"),
         ({"size": "huge"}, "'size' is 'huge': input should be 'small' or 'large'"),
         ({"rooms": [{}, {"nam": "x"}]}, "[rooms 2]: unknown key 'nam'; did you mean 'name'?"),
         ({"rooms": [{"things": []}]}, "[rooms 1]: unknown key 'things'; did you mean 'thing'?"),
@@ -76,13 +87,30 @@ class House(Table):
             {"rooms": [{"place": {"kind": "disc", "radios": 1}}]},
             "[rooms 1.place]: unknown key 'radios'; did you mean 'radius'?",
         ),
-        ({"rooms": 3}, "'rooms' is 3: input should be a valid list"),
+        ({"rooms": [5]}, "'rooms 1' is 5: input should be a table"),
+        ({"rooms": [{"name": 5}]}, "'rooms 1.name' is 5: input should be text"),
+        (
+            {"rooms": [{"thing": [{"kind": "disc", "radius": "x"}]}]},
+            "'rooms 1.thing 1.radius' is 'x': input should be a number",
+        ),
+        ({"file": 3}, "'file' is 3: input should be a path, as text"),
+        ({"open": "maybe"}, "'open' is 'maybe': input should be true or false"),
+        ({"count": 1.5}, "'count' is 1.5: input should be a whole number"),
+        ({"pair": [1, 2, 3]}, "'pair' is [1, 2, 3]: it should have 2 entries at most, not 3"),
+        ({"spot": 5}, "'spot' is 5: input should be a list of numbers"),
+        ({"size": "x" * 3000}, f"'size' is 'xxx{'x' * 73}...: input should be 'small' or 'large'"),
+        ({"x" * 3000: 1}, f"unknown key '{'x' * 77}...'; known are"),
+        (
+            {"rooms": [{"thing": [{"kind": "x" * 3000}]}]},
+            f"[rooms 1.thing 1]: 'kind' is '{'x' * 77}...'; known are bar",
+        ),
+        ({"rooms": 3}, "'rooms' is 3: input should be a list"),
     ],
 )
 def test_faults_of_nested_tables(data: dict[str, Any], said: str) -> None:
     with pytest.raises(ValidationError) as caught:
         House.model_validate(data)
-    assert sentence(caught.value, data, House, hidden=("folder",)) == said
+    assert sentence(caught.value, data, House, hidden=("folder",)).startswith(said)
 
 
 @pytest.mark.parametrize(

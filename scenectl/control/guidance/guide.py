@@ -23,6 +23,7 @@ class ObjectiveGuide:
         context: Context,
         guidance: GuidanceSettings | None = None,
         start: FreeStart | None = None,
+        on_ground: bool = False,
     ) -> None:
         """Make a guide.
 
@@ -31,10 +32,11 @@ class ObjectiveGuide:
             context: scene and body.
             guidance: settings.
             start: where motions begin, if that shall be solved for: each step is seen from where it suits the goals.
+            on_ground: motions follow the ground already, as those of edits do, and are not lifted onto their path's.
         """
         self.objective, self.context, self.start = objective, context, start
         self.guidance = guidance or GuidanceSettings()
-        self._rise = Rise.of(objective)
+        self._rise = None if on_ground else Rise.of(objective)
 
     def log_prob(self, step: Step) -> Float[Tensor, " S"]:
         """Minus the objective's cost (Eq. 40), times the guidance scale."""

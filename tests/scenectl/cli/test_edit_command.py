@@ -19,7 +19,7 @@ Run = Callable[..., Any]
     [
         *((("--regenerate", text), "--regenerate") for text in ("1", "2-1", "a-b", "nan-inf", "7-8")),
         (("--regenerate=-1-2",), "--regenerate"),
-        (("--keep", "7-8"), "--keep 7-8 begins after"),
+        (("--keep", "7-8"), "--keep 7-8 goes beyond the motion"),
         ((), "either"),
         (("--regenerate", "0-1", "--keep", "1-2"), "either"),
     ],

@@ -14,7 +14,8 @@ from torch import Tensor
 from scenectl.generators.base import Editor
 from scenectl.generators.mscot.keeping import bridged
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.pipeline.editing import edit, mask_of, settled
+from scenectl.pipeline.editing import edit, edited, mask_of, on_clock, settled
+from scenectl.tasks.task import Task
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D, Skeleton
@@ -112,7 +113,7 @@ BAD: dict[str, tuple[Any, Any, str]] = {
     "all anew": (WALK, mask((0, 60)), "keeps no frame"),
     "another length of mask": (WALK, mask(frames=59), "the motion has 60 frames"),
     "short": (Motion(walk(30)), mask((3, 9), frames=30), "30 frames"),
-    "long": (Motion(walk(200)), mask((3, 9), frames=200), "200 frames"),
+    "long": (Motion(walk(1201)), mask((3, 9), frames=1201), "1201 frames; an edit takes 36 to 1200"),
     "other rate": (replace(WALK, fps=30.0), mask((3, 9)), "30 frames a second"),
     "a batch": (Motion(WALK.joints[None]), mask((3, 9)), "one motion"),
     "other size": (Motion(WALK.joints * 2), mask((3, 9)), "2.00 times"),
@@ -138,9 +139,47 @@ def test_a_generator_that_cannot_edit_says_so(tiny: Any) -> None:
 
 
 def test_spans_are_seconds() -> None:
-    assert torch.equal(mask_of(WALK, [(0.5, 1.0), (2.0, 9.0)]), mask((10, 20), (40, 60)))
-    with pytest.raises(UserError, match="7-8 begins after"):
-        mask_of(WALK, [(7.0, 8.0)])
+    assert torch.equal(mask_of(WALK, [(0.5, 1.0), (2.0, 3.0)]), mask((10, 20), (40, 60)))
+    assert torch.equal(mask_of(replace(WALK, t0=7.0), [(7.5, 8.0)]), mask((10, 20)))
+    for span in ((7.0, 8.0), (2.0, 3.1)):
+        with pytest.raises(UserError, match=f"{span[0]:g}-{span[1]:g} goes beyond the motion, which lasts 3 s"):
+            mask_of(WALK, [span])
+
+
+LONG = Motion(walk(440)).placed(Pose2D((1.0, 0.4, -2.0), 0.8))
+
+
+@pytest.mark.parametrize("spans", [[(50, 420)], [(0, 250)], [(10, 20), (400, 430)]], ids=str)
+def test_motions_longer_than_a_window_are_edited_in_several(generator: MSCoT, spans: list[tuple[int, int]]) -> None:
+    gone = mask(*spans, frames=440)
+    lost = replace(LONG, joints=torch.where(gone[:, None, None], 900.0, LONG.joints))  # what is there is of no account
+    got = edit(generator, lost, gone, "a person walks", samples=2, iterations=0).motion.joints
+    assert got.shape == (2, 440, 22, 3) and torch.isfinite(got).all() and got.abs().max() < 800
+    torch.testing.assert_close(got[:, ~gone], LONG.joints[~gone].expand(2, -1, -1, -1), atol=1e-5, rtol=0)
+    assert (got[0] - got[1])[gone].abs().amax((1, 2)).min() > 0
+
+
+def joint_target(at: float) -> Task:
+    goal = {"use": "joint_target", "joint": "pelvis", "position": [1.4, -1.5], "at": at}
+    return Task(prompt="x", seconds=3.0, goal=[goal])
+
+
+def test_goals_of_a_task_are_met_where_the_motion_is_made_anew(generator: MSCoT) -> None:
+    gone = mask((20, 60))
+    free, led = (edited(generator, WALK, gone, "a person walks", task=task) for task in (None, joint_target(2.9)))
+    at = torch.tensor([1.4, -1.5])
+    misses = [float((r.motion.joints[0, 58, 0, [0, 2]] - at).norm()) for r in (free, led)]
+    assert misses[1] < 0.3 * misses[0]
+    assert led.report["task"]["goals"][0]["use"] == "joint_target" and led.report["prompt"] == "a person walks"
+    with pytest.raises(UserError, match=r"time 3\.2 s lies outside"):
+        edited(generator, WALK, gone, "a person walks", task=joint_target(3.2))
+
+
+def test_a_clock_of_another_rate_and_padding_are_taken_off() -> None:
+    motion = Motion(walk(120), torch.arange(120) < 90, fps=30.0)
+    taken = on_clock(motion, 20.0)
+    assert taken.fps == 20.0 and taken.frames == 60 and taken.valid.all()
+    assert on_clock(WALK, 20.0).joints.equal(WALK.joints)
 
 
 def test_the_command_writes_a_result(
@@ -149,9 +188,9 @@ def test_the_command_writes_a_result(
     monkeypatch.setattr("scenectl.generators.load_generator", lambda *args, **kwargs: generator)
     WALK.save(tmp_path / "motion.npz")
     words = ("edit", tmp_path, "--keep", "0-1.5", "--prompt", "someone sits", "-o", tmp_path / "out")
-    said = scenectl(*words, "--samples", 2, "--allow-unmet")
-    assert said.status == 0 and "30 of 60 frames anew" in said.out
+    said = scenectl(*words, "--samples", 2, "--no-preview", "--allow-unmet")
+    assert said.status == 0 and "30 of 60 frames anew; wrote motion.npz, report.json in" in said.out
     made = Motion.load(tmp_path / "out" / "motion.npz")
     torch.testing.assert_close(made.joints[:, :30], WALK.joints[:30].expand(2, -1, -1, -1), atol=1e-5, rtol=0)
-    said = scenectl("edit", tmp_path, "--keep", "0-9", "--prompt", "x", "-o", tmp_path / "out")
+    said = scenectl("edit", tmp_path, "--keep", "0-3", "--prompt", "x", "-o", tmp_path / "out")
     assert said.status == 2 and "no frame anew" in said.err

@@ -13,7 +13,8 @@ import torch
 
 import scenectl as sc
 from objectives import FloorPoint, Point, forget
-from scenectl.export.bvh import load_bvh, write_bvh
+from scenectl.data.formats.bvh import load_bvh
+from scenectl.export.bvh import write_bvh
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.pipeline.editing import edited, mask_of
 from scenectl.pipeline.run import run, score

@@ -1,0 +1,1 @@
+"""Motions as other people write them."""
