@@ -167,7 +167,9 @@ def test_a_motion_without_a_valid_frame_is_refused(
     for valid in (torch.zeros(2, 60), torch.tensor([[1.0], [0.0]]).expand(2, 60)):
         replace(made, valid=valid.bool()).save(tmp_path / "motion.npz")
         said = scenectl("score", tmp_path / "motion.npz", task_file)
-        assert said.status == 2 and "no frame is valid" in said.err and len(said.err.strip().splitlines()) == 1
+        assert said.status == 2 and "valid" in said.err and len(said.err.strip().splitlines()) == 1
+        with pytest.raises(UserError, match="no frame is valid"):
+            score(replace(made, valid=valid.bool()), sc.load_task(task_file))
 
 
 def test_task_files_run_no_code_unless_allowed(
