@@ -130,7 +130,7 @@ BAD: dict[str, dict[str, Any]] = {
     "an unknown generator": {"generator": {"name": "mscott"}},
     "another key of a generator": {"generator": {"sway": 1.0}},
     "what is avoided in words": {"avoid": "walls"},
-    "another goal's key to avoid by": {"avoid": {"half": 1.0}},
+    "another goal's key to avoid by": {"avoid": {"half": 1.0}, "scene": "corridor"},
     "no threads": {"generator": {"threads": 0}},
     "too many samples": {"samples": 1000},
     "half a sample": {"samples": 1.5},
