@@ -17,6 +17,7 @@ _HOMES = {
     "objectives": "Context Objective Term goal goals",
     "scenectl.api": "run score",
     "scenectl.control": "ObjectiveGuide",
+    "scenectl.data.formats.motions": "load_motion",
     "scenectl.generators": "load_generator",
     "scenectl.pipeline.editing": "edit",
     "scenectl.pipeline.results": "Result",

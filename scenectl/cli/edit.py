@@ -88,8 +88,7 @@ def edit(
     pictured = preview and drawn(result, output / "preview.png")
     err.print(literal(f"weights: {maker.licence}"))
     show_samples(result)
-    if kept is not None:
-        doubt(result.report["scene"]["doubts"])
+    doubt(result.report["scene"]["doubts"])
     files = f"motion.npz, report.json{' and preview.png' if pictured else ''}"
     out.print(literal(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote {files} in {output}"))
     leave(result, allow_unmet)

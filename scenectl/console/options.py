@@ -25,7 +25,7 @@ AllowUnmet = Annotated[
 ]
 GENERATOR = "mscot"
 """The default, as in `scenectl.generators.registry`, which help does not import."""
-Data = Annotated[Path, typer.Option("--data", help="Folder of the motion collection.")]
+Data = Annotated[Path, typer.Option("--data", help="Recorded motions: a collection, or HumanML3D (docs/formats.md).")]
 Json = Annotated[Path | None, typer.Option("--json", help='Write {"summary": ..., "rows": [...]} to this file.')]
 Weights = Annotated[str, typer.Option(help="Weights: 'default', 'permissive' or a folder.")]
 Generator = Annotated[str, typer.Option(help="A registered generator.")]

@@ -36,6 +36,12 @@ CREDITS = {
 }
 """What the sources ask to be said wherever something made from them is shipped."""
 
+HOW = (
+    "give --data a motion collection, which scenectl.data.collection.write_collection makes of your own BVH, npy or "
+    "npz files (docs/formats.md)"
+)
+"""Where to get one."""
+
 _SWAP = {"left": "right", "right": "left", "clockwise": "counterclockwise", "counterclockwise": "clockwise"}
 _SIDES = re.compile(rf"(?<![^ ])({'|'.join(_SWAP)})(?=[.,;:!]*(?: |\Z))")
 """Those words, with punctuation behind them or without."""
@@ -79,7 +85,7 @@ def load_motions(folder: str | Path, splits: Sequence[str] = ("train",)) -> list
     folder = Path(folder)
     for name in COLLECTION:
         if not (folder / name).is_file():
-            raise UserError(f"motion folder '{folder}' has no {name}; see the README of the collection for its layout")
+            raise UserError(f"motion folder '{folder}' has no {name}; recorded motions are needed: {HOW}")
     with reading(f"motion folder '{folder}'", "it is not in the expected format, see the README of the collection"):
         positions = _positions(folder / "motions_20fps.npz")
         text = (folder / "clips.jsonl").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scenectl.data.augment import Augmentation
 from scenectl.data.clips import ClipSet, prepare
-from scenectl.data.corpus import COLLECTION
+from scenectl.data.corpus import COLLECTION, HOW
 from scenectl.data.humanml3d import LICENCE, SPLITS, FeatureClip, HumanML3D
 from scenes.errors import UserError
 
@@ -22,14 +22,14 @@ def is_humanml3d(folder: Path) -> bool:
         UserError: it is of neither kind, or of HumanML3D's and incomplete: everything missing is named.
     """
     if not folder.is_dir():
-        raise UserError(f"data folder '{folder}' does not exist; give --data a motion collection or HumanML3D")
+        raise UserError(f"data folder '{folder}' does not exist, and recorded motions are needed: {HOW}, or HumanML3D")
     missing = [name for name in HUMANML3D if not (folder / name).exists()]
     if any((folder / name).exists() for name in COLLECTION):
         return False  # what it lacks, its own reader says
     if len(missing) == len(HUMANML3D):
         raise UserError(
             f"data folder '{folder}' has no {' or '.join(COLLECTION)} (a motion collection) and none of "
-            f"{', '.join(HUMANML3D)} (HumanML3D); give the folder that holds one of the two"
+            f"{', '.join(HUMANML3D)} (HumanML3D): {HOW}, or HumanML3D"
         )
     if missing:
         raise UserError(

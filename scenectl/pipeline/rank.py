@@ -46,7 +46,7 @@ def ranked(
             diagnosis(objective, one, context),
             start_of(one, setup.body),
             _of(changes, index),
-            judge.series(one),
+            judge.series(one, depths),
         )
         rows.append(row.moved(setup.origin))
         progress("measuring", (index + 1) / len(motion.joints))

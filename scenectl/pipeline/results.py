@@ -154,6 +154,10 @@ def _report(path: Path) -> dict[str, Any]:
         ) from error
     for row in report["samples"]:
         row.update({key: row.get(key) for key in ("believable", "verdict", "series")})
+    if report["format"] == 1:  # its tasks state all that they avoid, and their walks go on to the end
+        report["task"].setdefault("avoid", False)
+        if isinstance(walk := report["task"].get("walk"), dict):
+            walk.setdefault("stop", False)
     return report
 
 

@@ -136,13 +136,13 @@ class SeriesTable(_Table):
     Attributes:
         clearance_m: from each part of the body to the nearest obstacle, negative inside.
         speed_m_per_s: of the pelvis.
-        support: whether something carries the body, 1 or 0.
+        support: what carries the body.
         residuals: of each goal, by its name: the worst entry's, in the goal's unit.
     """
 
     clearance_m: dict[str, list[Number | None]] = {}
     speed_m_per_s: list[Number | None] = []
-    support: list[Number | None] = []
+    support: list[Literal["both", "left_foot", "right_foot", "other", "flight", "none"]] = []
     residuals: dict[str, list[Number | None]]
 
 

@@ -38,6 +38,7 @@ def task_schema() -> dict[str, Any]:
     scene = _like(SceneSpec, primitives=(tuple[shape, ...], ()), objects=(tuple[thing, ...], ()))  # type: ignore[valid-type]
     task = _like(
         TaskTable,
+        avoid=(_any((bool, _avoided())), True),
         scene=(_any((str, scene)), SceneSpec()),
         start=(_any((Literal["sample"], Start, Spot, None)), None),
         generator=(_any(map(_generator, dict.fromkeys(registry.names()))), GeneratorSpec()),
@@ -68,6 +69,13 @@ def _shape(name: str) -> type[BaseModel]:
     }
     stated["shape"] = (Literal[name], ...)
     return create_model(name, __config__=ConfigDict(extra="forbid"), __doc__=kind.__doc__, **stated)
+
+
+def _avoided() -> type[BaseModel]:
+    """The `avoid` table: some of the keys of the goal that it stands for."""
+    (stated,) = (table.model_fields for table in goal_tables() if table.__name__ == "sdf_penetration")
+    some: dict[str, Any] = {key: (info.annotation, info) for key, info in stated.items() if key != "use"}
+    return create_model("avoid", __config__=ConfigDict(extra="forbid"), **some)
 
 
 def _generator(name: str) -> type[BaseModel]:

@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch.autograd import forward_ad
 
-from objectives import Context, Masked, Objective, Term, forget, goal
+from objectives import Context, Masked, Objective, Term, diagnosis, forget, goal
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from tests.objectives.cases import Joints, context, standing, wandering
@@ -180,9 +180,17 @@ def test_what_is_not_a_number_is_never_met() -> None:
 
 
 def test_a_term_that_was_never_active_says_so() -> None:
-    report = Term("foot_contact", window=(50, 60)).report(wandering(), context())[0]
+    term, motion, world = Term("foot_contact", window=(50, 60)), wandering(), context()
+    report = term.report(motion, world)[0]
     assert report.when is None and report.active_frames == 0 and not report.met
     assert report.sentence() == "foot_contact: not met (never active)"
+    assert report.as_dict()["worst"] is None and set(report.series) == {None}
+    objective = Objective((term,))
+    assert not term.met(motion, world) and not objective.met(motion, world)
+    assert not objective.assess(motion, world).met and not objective.cost(motion, world).any()
+    assert diagnosis(objective, motion, world) == "foot_contact is never active"
+    empty = replace(motion, valid=torch.zeros_like(motion.valid))
+    assert not Objective((Term("foot_contact"),)).met(empty, world)
 
 
 THREE = {"kind": "array", "positions": np.zeros((4, 3, 3)).tolist()}

@@ -98,7 +98,7 @@ def test_depths_are_asked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     depths = Scorer.depths
     monkeypatch.setattr(Scorer, "depths", lambda self, motion: asked.append(motion) or depths(self, motion))
     monkeypatch.setattr(Judge, "verdict", lambda self, motion, depths=None: given_.append(depths) or Verdict())
-    monkeypatch.setattr(Judge, "series", lambda self, motion: {})
+    monkeypatch.setattr(Judge, "series", lambda self, motion, depths=None: given_.append(depths) or {})
     ranked(Motion(WALK.repeat(3, 1, 1, 1)), None, made, Scorer(made.scene), lambda what, done: None)
     assert len(asked) == 3 and all(isinstance(one, Depths) for one in given_)
 

@@ -160,6 +160,18 @@ def test_cli_runs_scores_and_draws(
     assert said.status == 2 and "--sample goes from 0 to 1" in said.err
 
 
+def test_a_motion_without_a_valid_frame_is_refused(
+    task_file: Path, tiny: ModuleType, scenectl: Callable[..., object], tmp_path: Path
+) -> None:
+    made = Motion(tiny.statue().expand(2, 60, 22, 3).clone())
+    for valid in (torch.zeros(2, 60), torch.tensor([[1.0], [0.0]]).expand(2, 60)):
+        replace(made, valid=valid.bool()).save(tmp_path / "motion.npz")
+        said = scenectl("score", tmp_path / "motion.npz", task_file)
+        assert said.status == 2 and "valid" in said.err and len(said.err.strip().splitlines()) == 1
+        with pytest.raises(UserError, match="no frame is valid"):
+            score(replace(made, valid=valid.bool()), sc.load_task(task_file))
+
+
 def test_task_files_run_no_code_unless_allowed(
     tmp_path: Path, tiny_generator: None, scenectl: Callable[..., object]
 ) -> None:

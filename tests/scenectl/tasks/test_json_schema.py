@@ -92,6 +92,8 @@ GOOD: dict[str, dict[str, Any]] = {
         "kind": "arc", "center": [0, 0.9, 2], "radius": 1.5, "angles": [0, 1.57], "times": [1, 2]}}]},
     "a track in place": {"goal": [{"use": "joint_target", "track": {"kind": "array", "positions": [[0, 1, 0]] * 60}}]},
     "a moment": {"goal": [{"use": "joint_target", "position": [0, 1], "sometime": [1, 2], "kernel": "huber"}]},
+    "a scene that is not avoided": {"avoid": False},
+    "what may touch": {"avoid": {"exempt": ["right_wrist"], "margin": 0.01}},
     "every shape": {"scene": {"primitives": [
         {"shape": "box", "center": [0, 1, 9], "size": [1, 1, 1], "yaw": 1},
         {"shape": "sphere", "center": [0, 1, 9], "radius": 0.3, "motion": {"times": [0], "positions": [[0, 0, 9]]}},
@@ -127,6 +129,8 @@ BAD: dict[str, dict[str, Any]] = {
     "an object without times": {"scene": {"objects": [{"mesh": "x.glb", "positions": [[0, 0, 0]]}]}},
     "an unknown generator": {"generator": {"name": "mscott"}},
     "another key of a generator": {"generator": {"sway": 1.0}},
+    "what is avoided in words": {"avoid": "walls"},
+    "another goal's key to avoid by": {"avoid": {"half": 1.0}, "scene": "corridor"},
     "no threads": {"generator": {"threads": 0}},
     "too many samples": {"samples": 1000},
     "half a sample": {"samples": 1.5},

@@ -2,50 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from scenectl.data.collection import write_collection
+from scenes.motion.motion import Motion
 from tests.scenectl.small import walk
 
-QUANTUM = 0.0005
+CMU: dict[str, object] = {
+    "source": "cmu", "label": "walk", "licence": "free", "commercial_ok": True,
+    "captions": [{"text": "A person walks.", "kind": "human"}],
+}  # fmt: skip
 
 
 def write_folder(folder: Path, clips: dict[str, tuple[Tensor, dict[str, object]]]) -> Path:
-    """Write joints ``[T, 22, 3]`` and rows of `clips.jsonl` (merged over defaults) as the README describes."""
-    folder.mkdir(parents=True, exist_ok=True)
-    deltas, lengths, rows = [], [], []
-    for key, (joints, about) in clips.items():
-        relative = joints.numpy().astype(np.float64).copy()
-        relative[:, 1:] -= relative[:, :1]
-        units = np.round(relative / QUANTUM).astype(np.int64)
-        deltas.append(np.concatenate([units[:1], np.diff(units, axis=0)]))
-        lengths.append(len(joints))
-        rows.append(
-            {
-                "id": key,
-                "source": "cmu",
-                "split": "train",
-                "label": "walk",
-                "licence": "free",
-                "commercial_ok": True,
-                "captions": [{"text": "A person walks.", "kind": "human"}],
-                **about,
-            }
-        )
-    np.savez_compressed(
-        folder / "motions_20fps.npz",
-        delta=np.concatenate(deltas).transpose(1, 2, 0).astype(np.int16),
-        quant=np.float64(QUANTUM),
-        length=np.array(lengths, dtype=np.int32),
-        ids=np.array(list(clips)),
-        fps=np.int64(20),
-    )
-    (folder / "clips.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    return folder
+    """Write joints ``[T, 22, 3]`` and rows of `clips.jsonl`, merged over CMU's."""
+    return write_collection(folder, {key: (Motion(joints), {**CMU, **about}) for key, (joints, about) in clips.items()})
 
 
 def walks(folder: Path) -> Path:
