@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TypeAlias
 
 import torch
 from jaxtyping import Float
@@ -13,6 +14,9 @@ from scenectl.generators.conditions import Conditions
 from scenectl.generators.spec import Spec
 from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion, Pose2D
+
+Target: TypeAlias = tuple[Term, str | None, Float[Tensor, " n"], Float[Tensor, "n 3"]]
+"""A term, the joint that it draws, and the times (s) and places (m, nan on coordinates that are free) to which."""
 
 
 def conditions_of(objective: Objective, context: Context, start: Pose2D, seconds: float, spec: Spec) -> Conditions:
@@ -29,15 +33,15 @@ def conditions_of(objective: Objective, context: Context, start: Pose2D, seconds
     return Conditions.of_positions(torch.cat(times), torch.cat(joints), torch.cat(places), spec.skeleton)
 
 
-def targets_of(
-    objective: Objective, context: Context, start: Pose2D, seconds: float, spec: Spec
-) -> Iterator[tuple[Term, str, Float[Tensor, " n"], Float[Tensor, "n 3"]]]:
-    """Where each term draws which joint: times (s) and places (m, nan on coordinates that are free)."""
+def targets_of(objective: Objective, context: Context, start: Pose2D, seconds: float, spec: Spec) -> Iterator[Target]:
+    """Where each term draws each joint."""
     rest = torch.as_tensor(rest_pose(spec.skeleton), dtype=torch.float32)
     frames = round(seconds * spec.fps)
     body = Motion(rest.expand(frames, *rest.shape).clone(), fps=spec.fps, skeleton=spec.skeleton).placed(start)
     for term in (term for term in objective.counted if term.spec.pulls):
         found = term.evaluate(body, context)
-        for entry, joint in enumerate(found.joints if found.targets is not None else ()):
+        if found.targets is None:
+            continue
+        for entry, joint in enumerate(found.joints):
             stated = found.mask[:, entry] & found.targets[:, entry].isfinite().any(-1)
             yield term, joint, body.times[stated], found.targets[stated, entry].to(rest)

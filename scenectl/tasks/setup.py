@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from objectives import Context, Objective, Term
+from objectives import Context, Objective
 from scenectl.generators.spec import Spec
-from scenectl.tasks.conditions import targets_of
+from scenectl.tasks.conditions import Target, targets_of
 from scenectl.tasks.schema import Start, TaskTable, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
@@ -21,6 +20,7 @@ from scenes.motion.motion import Motion, Pose2D
 from scenes.world.floor.levels import STEP
 from scenes.world.floor.planning import FreeArea, free_area
 from scenes.world.floor.polyline import climbs, walked
+from scenes.world.reach import CROUCH, HEAD
 from scenes.world.scene import Scene
 
 FASTEST_WALK = 1.6
@@ -47,7 +47,7 @@ class Setup:
         start: rigid transform of the canonical motion, metres and radians.
         seconds: length.
         path: the planned walk, ``[P, 3]`` metres on the ground, or None.
-        unreached: on targets that nobody gets to from the start, one sentence each.
+        unreached: on targets that nobody gets to from the start, and on starts from which that is not known.
     """
 
     task: TaskTable
@@ -122,24 +122,45 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     walk = [] if task.walk is None or path is None else task.walk.terms(path, seconds, spec.fps, body)
     objective = Objective((*walk, *task.terms))
     objective.check(context, seconds, spec.fps)
-    unreached = _unreached(reached, targets_of(objective, context, start, seconds, spec))
+    unreached = _unreached(reached, targets_of(objective, context, start, seconds, spec), place[1])
+    unreached += () if free else _astray(reached, place)
     return Setup(task, scene, body, context, objective, start, seconds, path, unreached)
 
 
-def _unreached(scene: Scene, targets: Iterable[tuple[Term, str, Tensor, Tensor]]) -> tuple[str, ...]:
-    """On targets beyond the free space that the start is connected to: which goal's, where, and how far beyond."""
+def _unreached(scene: Scene, targets: Iterable[Target], ground: float) -> tuple[str, ...]:
+    """On targets beyond the free space that the start is connected to: which goal's, where, and how far beyond.
+
+    A height that is free is looked at a metre over the start's ground (m).
+    """
     if scene.reach is None:
         return ()
     told = []
-    for term, joint, _, places in targets:
-        depths = scene.reach.depth(places.double().numpy())
-        if depths.max(initial=0.0) > 0:
-            worst = int(depths.argmax())
+    for term, joint, _, where in targets:
+        places = where.double().numpy()
+        depths = scene.reach.depth(np.where(np.isnan(places), [np.nan, ground + 1.0, np.nan], places))
+        if len(depths) and np.nanmax(depths, initial=0.0) > 0:
+            worst = int(np.nanargmax(depths))
+            at = places[worst] if np.isfinite(places[worst]).all() else places[worst, ::2]
+            whose = "" if joint is None else f" of {joint}"
             told.append(
-                f"{term.label}: the target {_at(scene, places[worst].numpy())} of {joint} lies {depths[worst]:.2f} m "
-                "outside of the free space that the start is connected to"
+                f"{term.label}: the target {_at(scene, at)}{whose} lies {depths[worst]:.2f} m outside of the free "
+                "space that the start is connected to"
             )
     return tuple(dict.fromkeys(told))
+
+
+def _astray(scene: Scene, place: tuple[float, float, float]) -> tuple[str, ...]:
+    """On starts of finished motions, which may lie anywhere: which free space they are taken to be connected to."""
+    if scene.parts is None:
+        return ()
+    if scene.reach is None:
+        return (f"there is no ground under the start {_at(scene, place)}, so all free space counts as connected to it",)
+    x, y, z = place
+    heights = torch.linspace(CROUCH, HEAD, 8)
+    column = torch.stack([torch.full_like(heights, x), y + heights, torch.full_like(heights, z)], dim=-1)
+    if bool((scene.distance(column, torch.zeros(len(heights))) > 0).any()):
+        return ()
+    return (f"the start {_at(scene, place)} lies in a solid, so the free space nearest to it counts as its own",)
 
 
 def _place(

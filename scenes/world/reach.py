@@ -36,7 +36,7 @@ OVER = 1.2
 that nobody falls over them, are 1.07 m high (International Building Code 1015.3), tables 0.75 m, doors 2 m."""
 
 EDGE = 1.5
-"""Metres from all ground beyond which air is certainly nowhere that anybody gets to; a hand over an edge is half as far."""
+"""Metres from all ground beyond which air is nowhere that anybody gets to; a hand over an edge is half as far off."""
 
 CROUCH, HEAD = 0.3, 1.5
 """Heights (m) over the ground between which somebody who stands somewhere certainly is."""
@@ -77,6 +77,12 @@ class Reach:
             away = self.distance(torch.from_numpy(np.ascontiguousarray(points, dtype=np.float64)))
         return np.asarray((-away).clamp_min(0.0))
 
+    def value_and_gradient(self, points: Float[Tensor, "*b 3"]) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
+        """What `distance` gives, and its gradient (no unit), 0 where that is infinite."""
+        with torch.no_grad():
+            value, (_, slope) = self.distance(points), self.back.value_and_gradient(points)
+        return value, slope.where(value.isfinite()[..., None], 0.0)
+
     def lowest_on_way(
         self, ends: Float[Tensor, "n 4 3"], enough: Float[Tensor, " n"], tolerance: float | int
     ) -> Float[Tensor, "n 2"]:
@@ -107,13 +113,12 @@ class Parts:
     _known: dict[int, Reach] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def of(
-        cls, distance: Distance, bounds: np.ndarray, levels: Levels, grounds: Sequence[np.ndarray]
-    ) -> Parts | None:
+    def of(cls, distance: Distance, bounds: np.ndarray, levels: Levels, grounds: Sequence[np.ndarray]) -> Parts | None:
         """Divide the space around a scene; None where there is one part alone, or too much to look at.
 
-        Ways are where a ball of radius `WAY` fits that is no higher than `OVER` above ground. What is free besides, such as
-        shelves, air under ceilings and the last inches before walls, falls to the part to which it is most widely open.
+        Ways are where a ball of radius `WAY` fits that is no higher than `OVER` above ground. What is free besides,
+        such as shelves, air under ceilings and the last inches before walls, falls to the part to which it is most
+        widely open.
 
         Args:
             distance: of all that does not move, m: ``[n, 3] -> [n]``.
@@ -262,9 +267,9 @@ def _way(some: np.ndarray, nearest: np.ndarray, free: np.ndarray, spacing: float
     begin = steps @ (np.stack(np.unravel_index(close, some.shape)) + _SEARCH)
     best, balls = way.ravel()[close], balls.ravel()
     for offset in np.argwhere(np.ones((2 * _SEARCH + 1,) * 3)) - _SEARCH:
-        length = float(np.sqrt(np.square(offset).sum()))
-        if length <= _SEARCH:
-            np.minimum(best, np.float32(length * spacing) - balls[begin + steps @ offset], out=best)
+        apart = float(np.sqrt(np.square(offset).sum()))
+        if apart <= _SEARCH:
+            np.minimum(best, np.float32(apart * spacing) - balls[begin + steps @ offset], out=best)
     way.ravel()[close] = best
     # From farther off it leads by one of those nodes.
     far = np.flatnonzero(gap > _SEARCH)

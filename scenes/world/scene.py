@@ -159,7 +159,7 @@ class Scene:
 
     @cached_property
     def fields(self) -> tuple[DistanceField, ...]:
-        """Everything that `distance` is the minimum of: grids, primitives, objects, the floor plane if stated, reach."""
+        """All that `distance` is the minimum of: grids, primitives, objects, the floor plane if stated, and reach."""
         beyond = () if self.reach is None else (self.reach,)
         return (*(result.grid for result in self.bakes), *self.primitives, *self.objects, *self.planes, *beyond)
 
@@ -169,7 +169,7 @@ class Scene:
         Free space that they cannot get to from there counts as solid, as deep as the way back is long (`Reach`). It is
         this scene itself where there is none.
         """
-        reach = None if self._parts is None else self._parts.around(place)
+        reach = None if self.parts is None else self.parts.around(place)
         if reach is self.reach:
             return self
         found = copy.copy(self)  # with all that is known of it
@@ -178,7 +178,7 @@ class Scene:
         return found
 
     @cached_property
-    def _parts(self) -> Parts | None:
+    def parts(self) -> Parts | None:
         """Its free space, divided where no way leads through what does not move; None where it is not, or unknown."""
         if self._bare or self.ground is None:
             return None

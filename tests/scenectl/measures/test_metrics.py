@@ -185,3 +185,39 @@ def test_poses_are_compared_as_seen_from_the_pelvis() -> None:
     valid[:, 20:] = False
     raised[:, 20:] = 9.0
     assert float(pose_change(before, Motion(raised, valid=valid))) == pytest.approx(0.01, rel=1e-4)
+
+
+def closed_room(wall: float) -> Scene:
+    """4 x 4 m without a ceiling, of walls that are so thick (m), on open ground."""
+    across = [Box((s * (2 + wall / 2), 1.2, 0.0), (wall, 2.4, 4.4)) for s in (-1, 1)]
+    return Scene(primitives=[*across, *(Box((0.0, 1.2, s * (2 + wall / 2)), (4.0, 2.4, wall)) for s in (-1, 1))])
+
+
+@pytest.mark.parametrize("wall", [0.04, 0.2])
+def test_who_goes_through_a_wall_is_as_deep_as_the_way_back_is_long(wall: float) -> None:
+    """A statue that is pushed out of a room: deep from the first touch on, and ever deeper."""
+    joints = standing(80)
+    joints[..., 1] += DEFAULT_BODY.sole_offset
+    joints[..., 0] += 4.0 * torch.arange(80)[:, None] / 79
+    motion, scorer = Motion(joints), Scorer(closed_room(wall))
+    depths = scorer.depths(motion)
+    assert (depths.beyond[:30] == 0).all() and (depths.beyond[50:] > 0).all()
+    farthest = float(joints[-1, :, 0].max())
+    assert depths.beyond[-1] == pytest.approx(farthest - 2.0, abs=0.06)
+    assert depths.obstacles[-1] == pytest.approx(farthest - 2.0, abs=0.2)  # and the radius of what is farthest
+    deep = depths.obstacles > 0.01
+    assert (np.diff(depths.obstacles[deep]) > 0).all() and deep[deep.argmax() :].all()
+    assert depths.floor.max() < 0.005
+    figures = measure(motion, scorer)
+    assert figures["beyond_free_space_m"] == pytest.approx(depths.beyond.max())
+    assert figures["deepest_penetration_m"] == pytest.approx(depths.obstacles.max())
+    assert figures["deepest_part"] == scorer.part(int(depths.part[-1]))
+
+
+def test_a_motion_is_at_home_where_it_begins() -> None:
+    for scene in (closed_room(0.1), closed_room(0.1).reached_from((0.0, 0.0, 0.0))):
+        scorer = Scorer(scene)
+        for x in (0.0, 8.0):
+            depths = scorer.depths(Motion(standing(3)).placed(Pose2D((x, DEFAULT_BODY.sole_offset, 0.0))))
+            assert depths.beyond.max() == 0.0
+            assert depths.obstacles.max() == 0.0

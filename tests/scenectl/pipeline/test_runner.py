@@ -17,7 +17,7 @@ from objectives import Objective, Term, forget
 from scenectl.control import SolverSettings
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.rank import ranked
-from scenectl.pipeline.results import FORMAT, load_result
+from scenectl.pipeline.results import FORMAT, Result, load_result
 from scenectl.pipeline.run import run, score
 from scenectl.tasks.code import allow_code
 from scenes.errors import UserError
@@ -186,3 +186,38 @@ def test_bench_reuses_what_was_prepared(tiny: ModuleType) -> None:
     assert result.setup is problem
     assert isinstance(result.motion, Motion)
     assert result.samples[0].terms[0].name == "walk: path"
+
+
+def _room() -> Scene:
+    """2.4 x 2.4 m, walls of 4 cm, no ceiling, on open ground."""
+    walls = [Box((s * 1.22, 1.2, 0.0), (0.04, 2.4, 2.48)) for s in (-1, 1)]
+    return Scene(primitives=[*walls, *(Box((0.0, 1.2, s * 1.22), (2.4, 2.4, 0.04)) for s in (-1, 1))])
+
+
+def test_who_would_walk_out_through_a_wall_is_pulled_back(tiny: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Statues whose draft ends 1.4 m outside stay in the room, whatever pulls at them from there."""
+    pulled = {"use": "joint_target", "joint": "pelvis", "position": [0.0, 2.6], "at": 4.9, "weight": 1.0}
+    walls = {"use": "sdf_penetration", "margin": 0.03, "kernel": "squared", "reduction": "sum", "weight": 300.0}
+
+    def made(*goals: dict[str, object]) -> Result:
+        given = {"prompt": "a statue slides", "seconds": 5.0, "start": [0.0, 0.0], "samples": 4}
+        return run(sc.Task(**given, scene=_room(), goals=goals), generator=tiny.TinyGenerator())
+
+    alone, drawn = made(walls), made(walls, pulled)
+    assert all(row.met and row.metrics["beyond_free_space_m"] == 0.0 for row in alone.samples)
+    assert alone.report["scene"]["doubts"] == []
+    assert not any(row.met for row in drawn.samples)
+    for found in (alone, drawn):  # within a sample's radius of the wall, but no farther
+        assert float(found.motion.joint("pelvis")[..., 2].max()) < 1.2
+    (doubt,) = drawn.report["scene"]["doubts"]
+    assert "target [0.00, 2.60] of pelvis lies 1.4" in doubt and "outside of the free space" in doubt
+    monkeypatch.setattr(Scene, "reached_from", lambda scene, place: scene)
+    assert float(made(walls).motion.joint("pelvis")[..., -1, 2].max()) > 1.3, "without it they leave"
+
+
+def test_motions_that_begin_in_walls_or_over_nothing_are_scored_and_that_is_said() -> None:
+    statue = Motion(walk(40, speed=0.0))
+    task = sc.Task(prompt="a statue stands", seconds=2.0, scene=_room(), goals=[{"use": "sdf_penetration"}])
+    assert score(statue, task).report["scene"]["doubts"] == []
+    stuck = statue.placed(Pose2D((1.22, 0.0, 0.0)))
+    assert "lies in a solid" in score(stuck, task).report["scene"]["doubts"][0]

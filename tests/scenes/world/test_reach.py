@@ -14,7 +14,7 @@ from torch import Tensor
 
 from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box
-from scenes.world.contact import swept_clearance
+from scenes.world.contact import closest_point, swept_clearance
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.reach import FINE, Reach
 from scenes.world.scene import BUNDLED, Scene, bundled, load_scene
@@ -99,7 +99,7 @@ def test_doors_are_ways_and_cracks_are_none(width: float, low: float, high: floa
     scene = Scene(primitives=[*outer(), *between(width, low, high)])
     found = reach_of(scene)
     there = found.depth(np.array([[1.5, 1.0, 0.7], [2.9, 0.2, -1.9]]))
-    assert ((there == 0).all() if way else (there > 1.4).all()), there
+    assert (there == 0).all() if way else (there > 1.4).all(), there
     outside = found.depth(np.array([[-4.0, 1.0, 0.0], [0.0, 1.0, 9.0], [-1.5, 1.0, -60.0]]))
     assert outside == pytest.approx([1.0, 7.0, 58.0], abs=FINE)
     assert found.depth(np.array([[-1.5, 1.0, 0.0], [-2.98, 0.02, -1.98], [-1.5, 2.6, 0.0]])).max() == 0
@@ -209,12 +209,13 @@ def test_a_swinging_door_is_no_wall_and_an_open_floor_has_no_beyond() -> None:
 
 
 def test_furniture_is_no_wall() -> None:
-    bed = [slab((-2.9, -1.0), (0.32, 0.6), (0.9, 1.95)), *(slab((x, x + 0.1), (0, 0.32), (0.9, 1.0)) for x in (-2.9, -1.1))]
+    bed = slab((-2.9, -1.0), (0.32, 0.6), (0.9, 1.95))
+    legs = [slab((x, x + 0.1), (0, 0.32), (0.9, 1.0)) for x in (-2.9, -1.1)]
     wardrobe = slab((-0.7, -0.06), (0, 2.0), (-2.0, -0.8))
     counter = slab((-3.0, -0.05), (0, 1.1), (-0.8, -0.7))  # all the way across
-    scene = Scene(primitives=[*outer(), *between(0.0), *bed, wardrobe, counter])
-    inside = depth(scene, (-2.0, 0.15, 1.5), (-0.4, 2.2, -1.2), (-2.0, 1.0, -1.5), (-0.08, 2.1, -1.5), (-1.05, 0.2, 1.9))
-    assert inside == [0.0] * 5
+    scene = Scene(primitives=[*outer(), *between(0.0), bed, *legs, wardrobe, counter])
+    under, over = [(-2.0, 0.15, 1.5), (-1.05, 0.2, 1.9)], [(-0.4, 2.2, -1.2), (-0.08, 2.1, -1.5)]
+    assert depth(scene, *under, *over, (-2.0, 1.0, -1.5)) == [0.0] * 5
 
 
 def test_a_scene_far_from_the_origin_is_the_same_in_its_frame() -> None:
@@ -232,6 +233,15 @@ def test_capsules_are_seen_on_their_way_through() -> None:
     along = torch.tensor([0.8, 0.0, 0.0])
     assert float(swept_clearance(scene, a, b, a + along, b + along, 0.05)) == pytest.approx(-0.46, abs=0.02)
     assert float(swept_clearance(scene, a, b, a - along, b - along, 0.05)) == pytest.approx(0.34, abs=0.01)
+
+
+def test_nearest_points_are_those_of_the_near_side() -> None:
+    before = building(0.0)
+    scene = before.reached_from(START)
+    inside, beyond = spread(100, (-2.9, 0.1, -1.9), (-0.3, 1.8, 1.9)), spread(100, (0.2, 0.5, -1.0), (1.2, 1.2, 1.0))
+    torch.testing.assert_close(closest_point(scene, inside), closest_point(before, inside))
+    found = closest_point(scene, beyond)
+    assert (found.points[:, 0] + THIN / 2).abs().quantile(0.9) < 0.02
 
 
 def test_what_starts_in_a_wall_or_over_nothing_has_an_answer() -> None:
@@ -255,6 +265,6 @@ def test_scans_are_whole(name: str, shared: Path) -> None:
 def test_the_flat_that_people_tunnelled_out_of(shared: Path) -> None:
     scene = Scene([load_mesh(shared / "cases" / "tasks" / "flat.glb")], resolution=160)
     found = reach_of(scene, (1.0, 0.0, 1.8))
-    within = [[-3.9, 0.6, -1.8], [-2.4, 1.2, 2.35], [1.9, 0.5, -0.8], [4.0, 1.5, 2.0], [0.25, 1.0, 1.0], [-2.0, 0.2, -2.2]]
-    assert found.depth(np.array(within)).max() == 0
+    furniture = [[-3.9, 0.6, -1.8], [-2.4, 1.2, 2.35], [1.9, 0.5, -0.8], [4.0, 1.5, 2.0], [-2.0, 0.2, -2.2]]
+    assert found.depth(np.array([*furniture, [0.25, 1.0, 1.0]])).max() == 0
     assert found.depth(np.array([[-5.0, 1.0, -1.8], [1.0, 1.0, 3.5]])) == pytest.approx([0.5, 1.0], abs=0.02)
