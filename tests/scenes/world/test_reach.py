@@ -120,7 +120,7 @@ def test_in_a_wall_the_way_back_is_felt_from_the_middle_on(thick: float) -> None
     assert exact == pytest.approx(-back.numpy(), abs=0.01)
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=4, deadline=None, derandomize=True)
 @given(yaw=st.floats(-math.pi, math.pi), thick=st.floats(0.01, 0.4))
 def test_walls_at_any_angle_are_as_thick_as_they_are(yaw: float, thick: float) -> None:
     scene = Scene(primitives=[*outer(yaw), *between(0.0, thick=thick, yaw=yaw)])
@@ -216,6 +216,25 @@ def test_furniture_is_no_wall() -> None:
     scene = Scene(primitives=[*outer(), *between(0.0), bed, *legs, wardrobe, counter])
     under, over = [(-2.0, 0.15, 1.5), (-1.05, 0.2, 1.9)], [(-0.4, 2.2, -1.2), (-0.08, 2.1, -1.5)]
     assert depth(scene, *under, *over, (-2.0, 1.0, -1.5)) == [0.0] * 5
+
+
+@pytest.mark.parametrize("stairs", [True, False])
+def test_storeys_are_joined_by_stairs(stairs: bool) -> None:
+    walls = [slab((x, x + 0.1), (-0.2, 5.6), (-4.1, 4.1)) for x in (-4.1, 4.0)]
+    walls += [slab((-4.1, 4.1), (-0.2, 5.6), (z, z + 0.1)) for z in (-4.1, 4.0)]
+    floors = [slab((-4, 4), (-0.2, 0), (-4, 4)), slab((-4, 2), (2.8, 3), (-4, 4)), slab((2, 4), (2.8, 3), (1.5, 4))]
+    steps = [slab((2.2, 3.8), (0, (k + 1) / 6), (0.28 * k - 3.6, 0.28 * k - 3.3)) for k in range(18 * stairs)]
+    scene = Scene([mesh_of([*walls, *floors, *steps])], resolution=96, cache=None)
+    under, above, outside = depth(scene, (0.0, 1.5, 0.0), (0.0, 4.0, 0.0), (5.0, 1.0, 0.0))
+    assert under == 0.0
+    assert above == (0.0 if stairs else pytest.approx(1.2, abs=0.05))
+    assert outside == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_is_too_large_to_look_at_is_not_divided() -> None:
+    rooms = [Box((0.0, 1.3, 40.0 * k), (400.0, 2.6, 0.2)) for k in range(-2, 3)]
+    scene = Scene(primitives=rooms)
+    assert scene.reached_from((0.0, 0.0, 3.0)) is scene
 
 
 def test_a_scene_far_from_the_origin_is_the_same_in_its_frame() -> None:
