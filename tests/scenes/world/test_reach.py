@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from scenes.mesh.mesh import Mesh, load_mesh
-from scenes.mesh.primitives import Box
+from scenes.mesh.primitives import Box, Plane
 from scenes.world.contact import closest_point, swept_clearance
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.reach import FINE, Reach
@@ -205,7 +205,8 @@ def test_a_swinging_door_is_no_wall_and_an_open_floor_has_no_beyond() -> None:
     leaf = MovingObject(Box((0, 1, 0), (0.05, 2.0, 0.88)), Trajectory([0.0], [[0.0, 0.0, 0.0]]))
     door = between(0.9, 0.0, 2.0)
     assert depth(Scene(primitives=[*outer(), *door], objects=[leaf]), (1.5, 1.0, 0.0)) == [0.0]
-    for scene in (Scene.empty(), Scene(primitives=[Box((1, 0.5, 0), (1, 1, 1))])):
+    slope = Plane((0.0, 0.0, 0.0), (0.1, 1.0, 0.0))
+    for scene in (Scene.empty(), Scene(primitives=[slope]), Scene(primitives=[Box((1, 0.5, 0), (1, 1, 1))])):
         assert scene.reached_from((0.0, 0.0, 2.0)) is scene
 
 
