@@ -41,9 +41,11 @@ EDGE = 1.5
 CROUCH, HEAD = 0.3, 1.5
 """Heights (m) over the ground between which somebody who stands somewhere certainly is."""
 
-FINE, COARSE, NODES = 0.1, 0.2, 1_500_000
-"""Least and greatest distance (m) between nodes, and how many there are at most: fewer than two ways' halves, so that
-no sheet slips between two nodes; what is larger than that many coarse ones (60 x 60 m) is not divided."""
+FINE, COARSE = 0.1, 0.2
+"""Least and greatest distance (m) between nodes: no more than a way is wide, so that no sheet slips between two."""
+
+MANY, MOST = 1_500_000, 4_000_000
+"""Nodes from which on they are farther apart, and beyond which space is not divided: a storey of 100 x 100 m."""
 
 _SEARCH = 3  # nodes within which the way back is looked for in all directions: walls of up to 0.3 m
 
@@ -187,8 +189,9 @@ def _lattice(bounds: np.ndarray, grounds: Sequence[np.ndarray]) -> Lattice | Non
     if not len(heights):
         return None
     low[1], high[1] = heights.min() - HEAD / 4, heights.max() + HEAD + OVER
-    spacing = max(FINE, float(np.prod(high - low) / NODES) ** (1 / 3))
-    return None if spacing > COARSE else Lattice.spaced(np.stack([low, high]), spacing)
+    volume = float(np.prod(high - low))
+    spacing = min(max(FINE, (volume / MANY) ** (1 / 3)), COARSE)
+    return None if volume > MOST * spacing**3 else Lattice.spaced(np.stack([low, high]), spacing)
 
 
 def _cells(levels: Levels, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

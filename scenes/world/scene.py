@@ -181,10 +181,10 @@ class Scene:
     @cached_property
     def parts(self) -> Parts | None:
         """Its free space, divided where no way leads through what does not move; None where it is not, or unknown."""
-        if self._bare or self.ground is None:
+        shapes = [shape.mesh() for shape in self._still if not isinstance(shape, Plane)]
+        if not (self.meshes or shapes) or self.ground is None:
             return None
-        levels, shapes = self.levels, [shape for shape in self._still if not isinstance(shape, Plane)]
-        bounds = hull([mesh.bounds for mesh in (*self.meshes, *(shape.mesh() for shape in shapes))])
+        levels, bounds = self.levels, hull([mesh.bounds for mesh in (*self.meshes, *shapes)])
         sheets = [np.maximum(sheet, 0)[..., None] for sheet in self._sheets]
         grounds = [np.take_along_axis(levels.walkable, sheet, axis=2)[..., 0] for sheet in sheets]
         grounds = [np.where(s >= 0, ground, np.nan) for s, ground in zip(self._sheets, grounds, strict=True)]

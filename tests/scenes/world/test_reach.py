@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings, strategies as st
 from torch import Tensor
 
 from scenes.mesh.mesh import Mesh, load_mesh
-from scenes.mesh.primitives import Box
+from scenes.mesh.primitives import Box, Plane
 from scenes.world.contact import closest_point, swept_clearance
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.reach import FINE, Reach
@@ -120,14 +119,16 @@ def test_in_a_wall_the_way_back_is_felt_from_the_middle_on(thick: float) -> None
     assert exact == pytest.approx(-back.numpy(), abs=0.01)
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
-@given(yaw=st.floats(-math.pi, math.pi), thick=st.floats(0.01, 0.4))
+@pytest.mark.parametrize(("yaw", "thick"), [(0.5, 0.05), (1.0, 0.1), (-2.2, 0.1), (0.3, 0.2), (math.pi / 4, 0.4)])
 def test_walls_at_any_angle_are_as_thick_as_they_are(yaw: float, thick: float) -> None:
     scene = Scene(primitives=[*outer(yaw), *between(0.0, thick=thick, yaw=yaw)])
     turn = np.array([[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]])
     local = spread(200, (thick / 2, 0.1, -1.4), (2.4, 1.2, 1.4)).numpy()
     found = reach_of(scene, turn @ np.array(START)).depth(local @ turn.T)
     assert found == pytest.approx(local[:, 0] + thick / 2, abs=FINE / 2)
+    close = spread(200, (0.01, 0.6, -0.8), (thick / 2 + 0.05, 1.2, 0.8)).numpy()
+    found = reach_of(scene, turn @ np.array(START)).depth(close @ turn.T)
+    assert found == pytest.approx(close[:, 0] + thick / 2, abs=0.02 if thick < 0.3 else 0.04)
     near = spread(200, (-2.9, 0.1, -1.9), (-thick / 2 - 0.01, 1.8, 1.9)).numpy()
     assert reach_of(scene, turn @ np.array(START)).depth(near @ turn.T).max() == 0
 
@@ -204,7 +205,8 @@ def test_a_swinging_door_is_no_wall_and_an_open_floor_has_no_beyond() -> None:
     leaf = MovingObject(Box((0, 1, 0), (0.05, 2.0, 0.88)), Trajectory([0.0], [[0.0, 0.0, 0.0]]))
     door = between(0.9, 0.0, 2.0)
     assert depth(Scene(primitives=[*outer(), *door], objects=[leaf]), (1.5, 1.0, 0.0)) == [0.0]
-    for scene in (Scene.empty(), Scene(primitives=[Box((1, 0.5, 0), (1, 1, 1))])):
+    slope = Plane((0.0, 0.0, 0.0), (0.1, 1.0, 0.0))
+    for scene in (Scene.empty(), Scene(primitives=[slope]), Scene(primitives=[Box((1, 0.5, 0), (1, 1, 1))])):
         assert scene.reached_from((0.0, 0.0, 2.0)) is scene
 
 
@@ -216,6 +218,40 @@ def test_furniture_is_no_wall() -> None:
     scene = Scene(primitives=[*outer(), *between(0.0), bed, *legs, wardrobe, counter])
     under, over = [(-2.0, 0.15, 1.5), (-1.05, 0.2, 1.9)], [(-0.4, 2.2, -1.2), (-0.08, 2.1, -1.5)]
     assert depth(scene, *under, *over, (-2.0, 1.0, -1.5)) == [0.0] * 5
+
+
+@pytest.mark.parametrize("stairs", [True, False])
+def test_storeys_are_joined_by_stairs(stairs: bool) -> None:
+    walls = [slab((x, x + 0.1), (-0.2, 5.6), (-4.1, 4.1)) for x in (-4.1, 4.0)]
+    walls += [slab((-4.1, 4.1), (-0.2, 5.6), (z, z + 0.1)) for z in (-4.1, 4.0)]
+    floors = [slab((-4, 4), (-0.2, 0), (-4, 4)), slab((-4, 2), (2.8, 3), (-4, 4)), slab((2, 4), (2.8, 3), (1.5, 4))]
+    steps = [slab((2.2, 3.8), (0, (k + 1) / 6), (0.28 * k - 3.6, 0.28 * k - 3.3)) for k in range(18 * stairs)]
+    scene = Scene([mesh_of([*walls, *floors, *steps])], resolution=96, cache=None)
+    under, above, outside = depth(scene, (0.0, 1.5, 0.0), (0.0, 4.0, 0.0), (5.0, 1.0, 0.0))
+    assert under == 0.0
+    assert above == (0.0 if stairs else pytest.approx(1.2, abs=0.05))
+    assert outside == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_is_too_large_to_look_at_is_not_divided() -> None:
+    rooms = [Box((0.0, 1.3, 40.0 * k), (400.0, 2.6, 0.2)) for k in range(-2, 3)]
+    scene = Scene(primitives=rooms)
+    assert scene.reached_from((0.0, 0.0, 3.0)) is scene
+
+
+def test_only_what_one_could_be_in_is_a_part_of_its_own() -> None:
+    def chest(height: float) -> list[Box]:
+        """Hollow, with walls of 3 cm and a slit of 2 cm under its lid, 1 x 1.6 m."""
+        x, z, y = (-2.4, -1.4), (-0.8, 0.8), (0.0, height)
+        sides = [slab((x[k], x[k] + 0.03), y, z) for k in range(2)] + [
+            slab(x, y, (z[k], z[k] + 0.03)) for k in range(2)
+        ]
+        return [*sides, slab(x, (height + 0.02, height + 0.05), z)]
+
+    for height, apart in ((0.5, False), (2.0, True)):
+        scene = Scene(primitives=[*outer(), *between(0.0), *chest(height)])
+        found = reach_of(scene, (-0.8, 0.0, 1.4)).depth(np.array([[-1.9, 0.25, 0.0]]))[0]
+        assert found == (pytest.approx(0.53, abs=0.05) if apart else 0.0)
 
 
 def test_a_scene_far_from_the_origin_is_the_same_in_its_frame() -> None:
