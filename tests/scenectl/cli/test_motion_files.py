@@ -65,6 +65,8 @@ def test_view_and_edit_refuse_a_sample_that_is_not_there(scenectl: Run, tmp_path
     ):
         said = scenectl(*words, "--fps", 20, "--sample", 3)
         assert said.status == 2 and "holds one motion; --sample is 0" in said.err
+    said = scenectl("view", tmp_path, "--unit", "cm", "--png", tmp_path / "x.png")
+    assert said.status == 2 and "is a result; leave them out" in said.err
     said = scenectl("view", "stairs", "--fps", 20, "--png", tmp_path / "x.png")
     assert said.status == 2 and "--fps is for motions" in said.err
 
