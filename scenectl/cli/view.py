@@ -39,6 +39,8 @@ def view(
         raise UserError(f"--at is {at}; give a time in seconds")
     allow(allow_code)
     path = Path(what)
+    if path.is_dir() and (fps, unit, up) != (None, None, None):
+        raise UserError(f"--fps, --unit and --up are for files of others, and '{what}' is a result; leave them out")
     if path.is_dir():
         picture = viewer.of_folder(path, sample)
     elif path.suffix.lower() in MOTIONS:

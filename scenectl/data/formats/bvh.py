@@ -233,7 +233,7 @@ def read_bvh(path: str | Path) -> BvhFile:
         text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise UserError(f"BVH file '{path}' cannot be read: {error.strerror or error}") from error
-    head, *tail = re.split(r"^\s*MOTION\s*$", text, maxsplit=1, flags=re.MULTILINE)
+    head, *tail = re.split(r"^[ \t]*MOTION[ \t\r]*$", text, maxsplit=1, flags=re.MULTILINE)
     if not head.lstrip().upper().startswith("HIERARCHY") or not tail:
         raise UserError(f"file '{path}' is not BVH: it lacks the sections HIERARCHY and MOTION")
     try:

@@ -309,6 +309,16 @@ BREAKS = {
     "unknown channel 'wrotation'": lambda t: t.replace("Zrotation", "Wrotation", 1),
     "lists 3": lambda t: t.replace("CHANNELS 3", "CHANNELS 4", 1),
     "is not 3 finite": lambda t: t.replace("OFFSET\t0.00000000 ", "OFFSET\t", 1),
+    "1e-05 frames a second": lambda t: t.replace("Frame Time: 0.05", "Frame Time: 100000."),
+    "'Frame Time:' is not 1 finite number": lambda t: t.replace("Frame Time: 0.050000000", "Frame Time: 1e300"),
+    "1e\\+11 frames a second": lambda t: t.replace("Frame Time: 0.050000000", "Frame Time: 1e-11"),
+    "lacks the sections HIERARCHY and MOTION": lambda t: t.replace("\r", "").replace("\n", " "),
+    "does not begin with 'Frames:'": lambda t: t.replace("\nFrame Time", " Frame Time"),
+    "unknown channel": lambda t: t.replace("rotation\n", "rotation "),
+    "'{' is not understood": lambda t: t.replace("HIERARCHY", "HIERARCHY {"),
+    "does not begin with a ROOT": lambda t: "HIERARCHY\nEnd Site\n{\n}\nMOTION" + t.split("MOTION")[1],
+    "or over 1e\\+12": lambda t: t.rstrip().rsplit(" ", 1)[0] + " 1e13\n",
+    "over 1000 joints": lambda t: t.replace("ROOT", "ROOT r\n{\n" + "JOINT a\n{\n" * 1001 + "ROOT", 1),
     "is not understood": lambda t: t.replace("CHANNELS", "CANALS", 1),
 }
 
@@ -340,3 +350,9 @@ def test_wrong_arguments_get_one_sentence(tmp_path: Path) -> None:
     write(tmp_path / "short.bvh", skeleton("mixamo"), frames=3, rate=120)
     with pytest.raises(UserError, match="too few"):
         load_bvh(tmp_path / "short.bvh")
+
+
+def test_a_file_of_blank_lines_is_read_at_once(tmp_path: Path) -> None:
+    (tmp_path / "blank.bvh").write_text("HIERARCHY" + "\n" * 300_000)
+    with pytest.raises(UserError, match="lacks the sections"):
+        read_bvh(tmp_path / "blank.bvh")
