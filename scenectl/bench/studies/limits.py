@@ -99,7 +99,7 @@ def _rows(found: Sequence[Mapping[str, Any]]) -> list[Row]:
             "limit": float(np.quantile(values, share)),
             "quantile": round(share, 4),
             "clips": len(values),
-            "median": float(np.median(values)),
+            **{f"q{q:g}": float(np.quantile(values, q / 100)) for q in (50, 95, 99, 99.5, 99.9)},
         })  # fmt: skip
     return rows
 

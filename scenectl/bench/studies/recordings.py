@@ -37,13 +37,14 @@ def recordings(data: str | Path, split: str) -> list[Clip]:
 
 def floor_known(clip: Clip) -> bool:
     """Whether nothing of the body dips more than 3 cm below where it is lowest otherwise: no floor would fit both."""
-    bottoms = _bottoms(clip.joints.double())
+    bottoms = _bottoms(Motion(clip.joints.double()))
     return bool(np.quantile(bottoms, 0.05) - bottoms.min() < 0.03)
 
 
-def _bottoms(joints: torch.Tensor) -> np.ndarray:
+def _bottoms(motion: Motion) -> np.ndarray:
     """Height (m) of the body's lowest point in each frame."""
-    found: np.ndarray = (DEFAULT_BODY.points_of(joints)[..., 1] - DEFAULT_BODY.radii().double()).amin(-1).numpy()
+    a, b, radius, _ = DEFAULT_BODY.segments(motion)
+    found: np.ndarray = (torch.minimum(a[..., 1], b[..., 1]) - radius).amin(-1).numpy()
     return found
 
 
@@ -54,7 +55,7 @@ def on_floor(clip: Clip, heading: float = 0.0) -> Motion:
     than the depth that counts as a touch.
     """
     joints = turned(clip.joints.double(), torch.tensor(heading, dtype=torch.float64))
-    bottoms = _bottoms(joints)
+    bottoms = _bottoms(Motion(joints))
     height = min(float(np.quantile(bottoms, 0.05)), float(bottoms.min()) + 0.9 * SHALLOW)
     joints[..., 1] -= height
     return Motion(joints)

@@ -46,6 +46,6 @@ def joints(evidence: Evidence) -> Found | None:
 
 
 CHECKS = (
-    Check("bones", "m", bones, 0.06, "issue 21: bones more than 6 cm off their length", explains=3),
+    Check("bones", "m", bones, 0.06, "issue 21: bones more than 6 cm off their length", explains=4),
     Check("joints", "degrees", joints, share=0.998),
 )
