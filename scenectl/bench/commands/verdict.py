@@ -22,6 +22,11 @@ def verdict(
     from scenectl.console.console import show
 
     result = alone(lambda engine: bench_verdict(data, motions, seed, split, engine), json_file)
-    show({"summary": result["summary"], "rows": [row for row in result["rows"] if row["made"] == "recorded" and row["called"]]},
-         columns=("motion", "source", "checks", "sentence"))
+    show(
+        {
+            "summary": result["summary"],
+            "rows": [row for row in result["rows"] if row["made"] == "recorded" and row["called"]],
+        },
+        columns=("motion", "source", "checks", "sentence"),
+    )
     wrote(json_file)

@@ -99,7 +99,9 @@ class Evidence:
         from scipy.interpolate import CubicSpline  # 0.2 s to import, and most motions have this rate already
 
         times = np.arange(given.frames) / given.fps
-        joints = CubicSpline(times, given.joints.detach().cpu().double().numpy())(np.arange(0, times[-1] + 1e-9, 1 / RATE))
+        joints = CubicSpline(times, given.joints.detach().cpu().double().numpy())(
+            np.arange(0, times[-1] + 1e-9, 1 / RATE)
+        )
         return Motion(torch.from_numpy(joints).to(given.joints), fps=RATE, t0=given.t0, skeleton=given.skeleton)
 
     @cached_property

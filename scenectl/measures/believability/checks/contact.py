@@ -101,7 +101,7 @@ def crossing(evidence: Evidence) -> Found | None:
     rooms, counts = evidence.depths.rooms, counted(evidence)
     clear = (rooms > -SHALLOW) & counts
     frames, samples = np.nonzero(clear[1:] & clear[:-1])
-    share = np.zeros((len(frames), 2)) + (0.0, 1.0)
+    share = np.tile([0.0, 1.0], (len(frames), 1))
     room = np.stack([rooms[frames, samples], rooms[frames + 1, samples]], axis=1)
     worst, worst_at = np.inf, (0, 0, 0.0)
     while True:
@@ -127,7 +127,9 @@ def crossing(evidence: Evidence) -> Found | None:
         return Found(0.0, "nothing is crossed between frames")
     point = places[frame : frame + 1, sample] + part_way * (places[frame + 1, sample] - places[frame, sample])
     thing = nearest_thing(scorer, point, at)
-    return Found(-worst, f"{part} goes {centimetres(-worst)} through the {thing} between frames at {at:.2f} s", at, part)
+    return Found(
+        -worst, f"{part} goes {centimetres(-worst)} through the {thing} between frames at {at:.2f} s", at, part
+    )
 
 
 def beyond(evidence: Evidence) -> Found | None:

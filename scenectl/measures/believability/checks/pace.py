@@ -41,9 +41,7 @@ def turning(evidence: Evidence) -> Found | None:
     """How fast (degrees/s) hips and shoulders turn about the vertical, averaged over 0.3 s, while they are upright."""
     if evidence.frames < 7:
         return None
-    across = sum(
-        evidence.joint(f"left_{part}") - evidence.joint(f"right_{part}") for part in ("hip", "shoulder")
-    )
+    across = sum(evidence.joint(f"left_{part}") - evidence.joint(f"right_{part}") for part in ("hip", "shoulder"))
     level = np.linalg.norm(across[:, ::2], axis=1) > 0.5 * np.linalg.norm(across, axis=1)
     heading = np.unwrap(np.arctan2(-across[:, 2], across[:, 0]))
     rates = np.diff(heading) * RATE * (level[1:] & level[:-1])

@@ -27,7 +27,9 @@ def frozen(evidence: Evidence) -> Found | None:
         return None
     speeds = np.linalg.norm(evidence.velocities, axis=-1).max(axis=1)
     first, count = longest_run(speeds < STILL)
-    return Found(count / RATE, f"nothing moves {span(evidence.times, first, first + count)}", float(evidence.times[first]))
+    return Found(
+        count / RATE, f"nothing moves {span(evidence.times, first, first + count)}", float(evidence.times[first])
+    )
 
 
 def standing(evidence: Evidence) -> Found | None:
