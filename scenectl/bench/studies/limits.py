@@ -92,6 +92,8 @@ def _rows(found: Sequence[Mapping[str, Any]]) -> list[Row]:
     for check in MEASURED:
         values = np.array([row[check.name] for row in found if row[check.name] is not None], dtype=np.float64)
         values = values[np.isfinite(values)]
+        if not len(values):
+            continue  # a collection without gaits has no tempo
         share = 1 - check.share if check.least else check.share
         rows.append({
             "check": check.name,
@@ -115,7 +117,7 @@ def _fitted(clips: Sequence[Clip], scorer: Scorer) -> np.ndarray:
             seen += [features(evidence, *window) for window in of_clip]
             wanted += [np.log2(rate)] * len(of_clip)
     table, target = np.array(seen), np.array(wanted)
-    mean, spread = table.mean(axis=0), table.std(axis=0)
+    mean, spread = table.mean(axis=0), np.maximum(table.std(axis=0), 1e-6)
     scaled = (table - mean) / spread
     slopes = np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scaled.shape[1]), scaled.T @ (target - target.mean()))
     slopes = slopes / spread

@@ -11,8 +11,7 @@ import torch
 
 from scenectl.data.corpus import Clip, load_motions
 from scenectl.data.kinds import kind_of
-from scenectl.measures.metrics import SHALLOW
-from scenes.body.body import DEFAULT_BODY
+from scenectl.measures.metrics import SHALLOW, Scorer
 from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
@@ -24,6 +23,7 @@ _LIKE_THEM = re.compile("crawl|slope|uneven", re.IGNORECASE)
 SHORTEST = 20
 """Frames: shorter clips say little of a second."""
 FLOOR = Scene.empty()
+_BODY = Scorer(FLOOR)
 
 
 def recordings(data: str | Path, split: str) -> list[Clip]:
@@ -43,8 +43,7 @@ def floor_known(clip: Clip) -> bool:
 
 def _bottoms(motion: Motion) -> np.ndarray:
     """Height (m) of the body's lowest point in each frame."""
-    a, b, radius, _ = DEFAULT_BODY.segments(motion)
-    found: np.ndarray = (torch.minimum(a[..., 1], b[..., 1]) - radius).amin(-1).numpy()
+    found: np.ndarray = (_BODY.points(motion.joints.numpy())[..., 1] - _BODY.radii).min(axis=1)
     return found
 
 

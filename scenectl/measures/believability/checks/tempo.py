@@ -11,7 +11,7 @@ from scenectl.measures.believability.words import span
 
 WINDOW, LEAST = 2.0, 1.0
 """Seconds that are looked at at once, and the fewest."""
-WALKS = 0.3
+WALKS = 0.5
 """Mean speed of the pelvis over the ground (m/s) from which on there is a gait, which has a pace."""
 _PARTS = {
     "trunk": ("spine3", "neck", "head"),
