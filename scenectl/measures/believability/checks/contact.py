@@ -52,7 +52,7 @@ def penetration(evidence: Evidence) -> Found | None:
 def exempted(evidence: Evidence) -> tuple[str, ...]:
     """What the goals exempted and how deep it went: a sentence for each part that is deeper than `SHALLOW`."""
     depths = np.where(counted(evidence), 0.0, _depths(evidence))
-    told = {}
+    told: dict[str, tuple[float, str]] = {}
     for sample in np.flatnonzero(depths.max(axis=0, initial=0.0) > SHALLOW):
         frame = int(depths[:, sample].argmax())
         deep, part = float(depths[frame, sample]), part_name(evidence.scorer.part(int(sample)))
