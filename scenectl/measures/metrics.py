@@ -176,6 +176,11 @@ class Scorer:
         found: np.ndarray = self._weights @ joints
         return found
 
+    @property
+    def radii(self) -> np.ndarray:
+        """Metres, ``[M]``."""
+        return self._radii
+
     def room(self, points: np.ndarray, times: np.ndarray, samples: np.ndarray) -> np.ndarray:
         """Distance (m) from the surface of samples of those numbers, at points and times (s), to any obstacle."""
         points = np.ascontiguousarray(points)

@@ -22,7 +22,7 @@ def limits(
     from scenectl.bench.studies import limits as study
 
     result = alone(lambda engine: study.bench_limits(data, engine), json_file)
-    shown(result, json_file, ("check", "unit", "limit", "quantile", "clips", "median"))
+    shown(result, json_file, ("check", "unit", "limit", "quantile", "clips", "q50", "q95", "q99", "q99.5", "q99.9"))
     if write is not None:
         study.write(result["stored"], write)
         wrote(write)

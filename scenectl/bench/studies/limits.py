@@ -72,7 +72,8 @@ def bench_limits(data: str | Path, engine: Engine = ENGINE) -> Result:
 def _sound(clip: Clip) -> bool:
     """False for what was drawn by hand, has no floor that fits, or plays at another speed than it was captured at.
 
-    The last are CMU's salsa dances: `tempo`, fitted without them, takes them for SALSA times as fast in the median.
+    The last are CMU's salsa dances: `tempo`, fitted without them, takes them for 2.2 times as fast in the median of 22,
+    and their median fastest turn is 850 degrees/s.
     """
     return clip.source != "mesh2motion" and not clip.id.startswith("salsa") and floor_known(clip)
 
@@ -92,6 +93,8 @@ def _rows(found: Sequence[Mapping[str, Any]]) -> list[Row]:
     for check in MEASURED:
         values = np.array([row[check.name] for row in found if row[check.name] is not None], dtype=np.float64)
         values = values[np.isfinite(values)]
+        if not len(values):
+            continue  # a collection without gaits has no tempo
         share = 1 - check.share if check.least else check.share
         rows.append({
             "check": check.name,
@@ -99,7 +102,7 @@ def _rows(found: Sequence[Mapping[str, Any]]) -> list[Row]:
             "limit": float(np.quantile(values, share)),
             "quantile": round(share, 4),
             "clips": len(values),
-            "median": float(np.median(values)),
+            **{f"q{q:g}": float(np.quantile(values, q / 100)) for q in (50, 95, 99, 99.5, 99.9)},
         })  # fmt: skip
     return rows
 
@@ -115,7 +118,7 @@ def _fitted(clips: Sequence[Clip], scorer: Scorer) -> np.ndarray:
             seen += [features(evidence, *window) for window in of_clip]
             wanted += [np.log2(rate)] * len(of_clip)
     table, target = np.array(seen), np.array(wanted)
-    mean, spread = table.mean(axis=0), table.std(axis=0)
+    mean, spread = table.mean(axis=0), np.maximum(table.std(axis=0), 1e-6)
     scaled = (table - mean) / spread
     slopes = np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scaled.shape[1]), scaled.T @ (target - target.mean()))
     slopes = slopes / spread

@@ -11,8 +11,7 @@ import torch
 
 from scenectl.data.corpus import Clip, load_motions
 from scenectl.data.kinds import kind_of
-from scenectl.measures.metrics import SHALLOW
-from scenes.body.body import DEFAULT_BODY
+from scenectl.measures.metrics import SHALLOW, Scorer
 from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
@@ -24,6 +23,7 @@ _LIKE_THEM = re.compile("crawl|slope|uneven", re.IGNORECASE)
 SHORTEST = 20
 """Frames: shorter clips say little of a second."""
 FLOOR = Scene.empty()
+_BODY = Scorer(FLOOR)
 
 
 def recordings(data: str | Path, split: str) -> list[Clip]:
@@ -37,13 +37,13 @@ def recordings(data: str | Path, split: str) -> list[Clip]:
 
 def floor_known(clip: Clip) -> bool:
     """Whether nothing of the body dips more than 3 cm below where it is lowest otherwise: no floor would fit both."""
-    bottoms = _bottoms(clip.joints.double())
+    bottoms = _bottoms(Motion(clip.joints.double()))
     return bool(np.quantile(bottoms, 0.05) - bottoms.min() < 0.03)
 
 
-def _bottoms(joints: torch.Tensor) -> np.ndarray:
+def _bottoms(motion: Motion) -> np.ndarray:
     """Height (m) of the body's lowest point in each frame."""
-    found: np.ndarray = (DEFAULT_BODY.points_of(joints)[..., 1] - DEFAULT_BODY.radii().double()).amin(-1).numpy()
+    found: np.ndarray = (_BODY.points(motion.joints.numpy())[..., 1] - _BODY.radii).min(axis=1)
     return found
 
 
@@ -54,7 +54,7 @@ def on_floor(clip: Clip, heading: float = 0.0) -> Motion:
     than the depth that counts as a touch.
     """
     joints = turned(clip.joints.double(), torch.tensor(heading, dtype=torch.float64))
-    bottoms = _bottoms(joints)
+    bottoms = _bottoms(Motion(joints))
     height = min(float(np.quantile(bottoms, 0.05)), float(bottoms.min()) + 0.9 * SHALLOW)
     joints[..., 1] -= height
     return Motion(joints)

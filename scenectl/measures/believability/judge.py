@@ -44,7 +44,7 @@ class Judge:
         looked = [(check, check.look(evidence)) for check in CHECKS]
         found = sorted(
             ((check, one) for check, one in looked if one is not None and _off(check, one.value) > 1.0),
-            key=lambda pair: (pair[0].explains, _off(pair[0], pair[1].value)),
+            key=lambda pair: _weight(pair[0], _off(pair[0], pair[1].value)),
             reverse=True,
         )
         figures = {check.key: None if one is None else one.value for check, one in looked}
@@ -90,6 +90,11 @@ def _off(check: Check, value: float) -> float:
     if limit is None:
         return 0.0
     return limit / max(value, 1e-6) if check.least else value / limit
+
+
+def _weight(check: Check, off: float) -> tuple[int, float]:
+    """What findings are sorted by: whether they explain others, then how far off they are."""
+    return (check.explains if off >= check.plainly else 0), off
 
 
 def _finding(check: Check, found: Found) -> Finding:

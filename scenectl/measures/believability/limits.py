@@ -1,4 +1,4 @@
-"""What people stay within: quantiles of recorded motion, with their source, as `scenectl bench limits` measured them."""
+"""What people stay within: quantiles of recorded motion and their source, as `scenectl bench limits` measured them."""
 
 from __future__ import annotations
 

@@ -38,6 +38,7 @@ class Check:
         share: of recorded motions that a measured limit lets pass.
         explains: findings of a check that ranks higher explain others, and come first: a body with a false arm is
             also off balance.
+        plainly: times its limit from which on it explains others.
         least: people stay above the limit rather than below.
     """
 
@@ -48,6 +49,7 @@ class Check:
     source: str = ""
     share: float = 0.997
     explains: int = 0
+    plainly: float = 1.0
     least: bool = False
 
     @property

@@ -10,9 +10,11 @@ from scenectl.measures.believability.evidence import Evidence
 from scenectl.measures.believability.words import centimetres, part_name
 from scenectl.measures.metrics import SHALLOW, Scorer
 from scenes.mesh.primitives import Plane
+from scenes.motion.motion import Motion
 
 STEP = 0.005
 """Metres of way below which nothing is looked for between two places of a sample."""
+PIECES = 4
 
 
 def counted(evidence: Evidence) -> np.ndarray:
@@ -50,7 +52,7 @@ def penetration(evidence: Evidence) -> Found | None:
 def exempted(evidence: Evidence) -> tuple[str, ...]:
     """What the goals exempted and how deep it went: a sentence for each part that is deeper than `SHALLOW`."""
     depths = np.where(counted(evidence), 0.0, _depths(evidence))
-    told = {}
+    told: dict[str, tuple[float, str]] = {}
     for sample in np.flatnonzero(depths.max(axis=0, initial=0.0) > SHALLOW):
         frame = int(depths[:, sample].argmax())
         deep, part = float(depths[frame, sample]), part_name(evidence.scorer.part(int(sample)))
@@ -90,46 +92,67 @@ def nearest_thing(scorer: Scorer, point: np.ndarray, time: float) -> str:
 def crossing(evidence: Evidence) -> Found | None:
     """How deep (m) the body is in obstacles on its way between two frames in neither of which it is.
 
-    Every sample moves straight from frame to frame. Its room changes by no more than the way that it moves, so halves
-    of a way that may hold a depth of more than `SHALLOW` are looked at until they are shorter than `STEP`.
+    Joints go along cubic splines through the frames: a foot that swings over an edge does not cut it. A sample's room
+    changes by no more than the way that it goes, so halves of a way that may hold a depth of more than `SHALLOW` are
+    looked at until they are shorter than `STEP`.
     """
     given, scorer = evidence.given, evidence.scorer
     if given.frames < 2:
         return None
-    places = scorer.points(given.joints.detach().cpu().double().numpy())
-    times = given.times.detach().cpu().double().numpy()
-    rooms, counts = evidence.depths.rooms, counted(evidence)
-    clear = (rooms > -SHALLOW) & counts
+    clear = (evidence.depths.rooms > -SHALLOW) & counted(evidence)
     frames, samples = np.nonzero(clear[1:] & clear[:-1])
-    share = np.zeros((len(frames), 2)) + (0.0, 1.0)
-    room = np.stack([rooms[frames, samples], rooms[frames + 1, samples]], axis=1)
-    worst, worst_at = np.inf, (0, 0, 0.0)
-    while True:
-        way = np.linalg.norm(places[frames + 1, samples] - places[frames, samples], axis=1) * np.ptp(share, axis=1)
+    room = np.stack([evidence.depths.rooms[frames, samples], evidence.depths.rooms[frames + 1, samples]], axis=1)
+    near = np.isfinite(room).all(axis=1)
+    frames, samples, room = frames[near], samples[near], room[near]
+    share = np.tile([0.0, 1.0], (len(frames), 1))
+    worst, found = 0.0, Found(0.0, "nothing is crossed between frames")
+    way = _Ways(given, scorer) if len(frames) else None
+    while way is not None:
+        length = way.longest[frames, samples] * np.ptp(share, axis=1)
         # The least that the room can be in between, by both ends.
-        near = ((room.sum(axis=1) - way) / 2 < -SHALLOW) & (way > STEP)
+        near = ((room.sum(axis=1) - length) / 2 < -SHALLOW) & (length > STEP)
         frames, samples, share, room = frames[near], samples[near], share[near], room[near]
         if not len(frames):
             break
         half = share.mean(axis=1)
-        points = places[frames, samples] + half[:, None] * (places[frames + 1, samples] - places[frames, samples])
-        between = scorer.room(points, times[frames] + half * (times[frames + 1] - times[frames]), samples)
-        if between.min() < worst:
-            k = int(between.argmin())
-            worst, worst_at = float(between[k]), (int(frames[k]), int(samples[k]), float(half[k]))
+        points, times = way.at(frames, samples, half), given.t0 + (frames + half) / given.fps
+        between = scorer.room(points, times, samples)
+        k = int(between.argmin())
+        if between[k] < worst:
+            worst, at, part = float(between[k]), float(times[k]), part_name(scorer.part(int(samples[k])))
+            thing = nearest_thing(scorer, points[k : k + 1], at)
+            told = f"{part} goes {centimetres(-worst)} through the {thing} between frames at {at:.2f} s"
+            found = Found(-worst, told, at, part)
         frames, samples = np.tile(frames, 2), np.tile(samples, 2)
         share = np.concatenate([np.stack([share[:, 0], half], 1), np.stack([half, share[:, 1]], 1)])
         room = np.concatenate([np.stack([room[:, 0], between], 1), np.stack([between, room[:, 1]], 1)])
-    frame, sample, part_way = worst_at
-    at = float(times[frame] + part_way / given.fps)
-    part = part_name(scorer.part(sample))
-    if worst >= 0:
-        return Found(0.0, "nothing is crossed between frames")
-    point = places[frame : frame + 1, sample] + part_way * (places[frame + 1, sample] - places[frame, sample])
-    thing = nearest_thing(scorer, point, at)
-    return Found(
-        -worst, f"{part} goes {centimetres(-worst)} through the {thing} between frames at {at:.2f} s", at, part
-    )
+    return found
+
+
+class _Ways:
+    """Ways of samples from frame to frame, in `PIECES` straight pieces along splines."""
+
+    def __init__(self, given: Motion, scorer: Scorer) -> None:
+        joints = given.joints.detach().cpu().double().numpy()
+        if len(joints) > 3:
+            from scipy.interpolate import CubicSpline
+
+            fine = np.linspace(0, len(joints) - 1, PIECES * (len(joints) - 1) + 1)
+            joints = CubicSpline(np.arange(len(joints)), joints)(fine)
+            self._pieces = PIECES
+        else:
+            self._pieces = 1
+        self._places = scorer.points(joints)
+        steps = np.linalg.norm(np.diff(self._places, axis=0), axis=-1)
+        self.longest = self._pieces * steps.reshape(-1, self._pieces, steps.shape[1]).max(axis=1)
+        """Bound on the way (m) from each frame to the next, ``[T - 1, M]``."""
+
+    def at(self, frames: np.ndarray, samples: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """Places ``[n, 3]`` (m) at shares of the ways from frames on."""
+        where = frames * self._pieces + share * self._pieces
+        first = np.minimum(where.astype(int), len(self._places) - 2)
+        a, b = self._places[first, samples], self._places[first + 1, samples]
+        return a + (where - first)[:, None] * (b - a)
 
 
 def beyond(evidence: Evidence) -> Found | None:

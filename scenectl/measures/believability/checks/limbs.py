@@ -41,11 +41,11 @@ def joints(evidence: Evidence) -> Found | None:
     excess = averages(np.degrees(found.residual.detach().cpu().double().numpy()), 0.15)
     first, joint = np.unravel_index(int(excess.argmax()), excess.shape)
     value, at = float(excess[first, joint]), float(evidence.times[first + 1])
-    part = str(found.labels[joint]).replace("_", " ")
+    part = str(found.labels[int(joint)]).replace("_", " ")
     return Found(value, f"{part} bent {value:.0f} degrees further than it goes at {at:.2f} s", at, part)
 
 
 CHECKS = (
-    Check("bones", "m", bones, 0.06, "issue 21: bones more than 6 cm off their length", explains=3),
+    Check("bones", "m", bones, 0.06, "issue 21: bones more than 6 cm off their length", explains=4),
     Check("joints", "degrees", joints, share=0.998),
 )

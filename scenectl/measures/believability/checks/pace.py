@@ -72,5 +72,5 @@ CHECKS = (
     Check("joint_speed", "m/s", joint_speed, share=0.998),
     Check("acceleration", "m/s^2", acceleration, share=0.998),
     Check("turning", "degrees/s", turning, share=0.998),
-    Check("jump", "m", jump, share=0.999, explains=2),
+    Check("jump", "m", jump, share=0.999, explains=2, plainly=3.0),
 )
