@@ -33,8 +33,8 @@ BRAKE = 0.7
 """Seconds over which a walk that stops slows down, a step and a half: with 1.0 the corridor is left more often."""
 STAND = 0.3
 """Seconds for which a walk that stops stands at least."""
-STILL, DOWN = 10.0, 1000.0
-"""Weights of standing still and of feet on the ground."""
+STILL, DOWN = 3.0, 300.0
+"""Weights of standing still and of feet on the ground: with three times as much, walks down stairs end in a riser."""
 REACH = 0.9
 """Metres over the floor to where a hand reaches of a person who stands and leans: an arm of 0.65 m, and a little."""
 LEGS = {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot"))}

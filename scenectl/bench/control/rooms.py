@@ -154,7 +154,7 @@ def _tasks(
             prompt=room.prompt,
             scene=room.scene,
             start=Start(position=(start[0], start[1])),
-            walk=Walk(to=(target[0], target[1]), radius=radius, height=room.height, tolerance=CLOSE),
+            walk=Walk(to=(target[0], target[1]), radius=radius, height=room.height, tolerance=CLOSE, stop=stop),
             solver=solver,
         )
 

@@ -1,4 +1,4 @@
-"""`scenectl check`: every task is looked at, and every sentence names its file."""
+"""`scenectl check`: every task is looked at, every sentence names its file, and what was added is told."""
 
 from __future__ import annotations
 
@@ -6,8 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from scenectl.cli.check import check
+
 Run = Callable[..., Any]
 HEAD = 'prompt = "a person walks"\nseconds = 4.0\n'
+GROUND = HEAD + "start = [0.0, 0.0]\n"
+SCENE = '[scene]\nprimitives = [{ shape = "sphere", center = [3.0, 1.0, 3.0], radius = 0.3 }]\n'
+WALK = "[walk]\nto = [0.0, 2.0]\n"
+OWN = '[[goal]]\nuse = "sdf_penetration"\n'
 
 
 def test_it_goes_on_after_a_task_that_is_wrong(scenectl: Run, tmp_path: Path) -> None:
@@ -29,3 +37,22 @@ def test_it_goes_on_after_a_task_that_is_wrong(scenectl: Run, tmp_path: Path) ->
     assert "unknown goal 'my_goal'" in lines[2] and "--allow-code FILE.py" in lines[2]
     assert f"{tmp_path / 'fine'}.toml: fine (4 s in 'empty'" in said.out
     assert scenectl("check", tmp_path / "fine.toml").status == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GROUND + SCENE, "1 goal, sdf_penetration by default)"),
+        (GROUND + SCENE + WALK, "7 goals, sdf_penetration and foot_contact by default, a walk of 2.0 m)"),
+        (
+            GROUND + SCENE + WALK + '[[goal]]\nuse = "sdf_penetration"\n',
+            "7 goals, foot_contact by default, a walk of 2.0 m)",
+        ),
+        (GROUND + "avoid = false\n" + SCENE + WALK, "5 goals, a walk of 2.0 m)"),
+        (GROUND + WALK, "5 goals, a walk of 2.0 m)"),
+    ],
+)
+def test_what_was_added_is_named(text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "task.toml").write_text(text)
+    check([tmp_path / "task.toml"])
+    assert said in " ".join(capsys.readouterr().out.split())

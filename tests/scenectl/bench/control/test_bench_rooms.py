@@ -8,16 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 
-from scenectl.bench.control.rooms import Room, _room, _tasks
+from scenectl.bench.control.rooms import Room, _room, _stopped, _tasks
 from scenectl.bench.scenes.meshes import FACINGS
 from scenectl.control import SolverSettings
 from scenectl.measures.metrics import Scorer
 from scenes.errors import UserError
 from scenes.mesh.primitives import Box
+from scenes.motion.motion import Motion
 from scenes.world.floor.planning import free_area
 from scenes.world.scene import Scene
+from tests.objectives.cases import standing
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -60,3 +63,26 @@ def test_a_room_is_the_same_in_every_winding(tmp_path: Path) -> None:
     assert np.ptp(areas) < 0.02 * areas[0]
     with pytest.raises(UserError, match="did you mean 'reversed'"):
         _room(tmp_path / "room.ply", 0.3, "revresed")
+
+
+@pytest.mark.parametrize(
+    ("speed", "frames", "high", "stopped"),
+    [(0.15, 9, 0.0, True), (0.25, 9, 0.0, False), (1.0, 3, 0.0, False), (0.0, 9, 0.1, False), (0.0, 9, 0.03, True)],
+)
+def test_a_walk_has_stopped_that_rests_on_both_feet(speed: float, frames: int, high: float, stopped: bool) -> None:
+    """It moves at a speed in the last so many frames, with one foot so high at the very end."""
+    joints = standing(40).float()
+    joints[..., 2] += (torch.arange(40) - 39).clamp_min(-frames)[:, None] * speed / 20.0
+    scorer = Scorer(Scene.empty())
+    lowest = float(joints[0, [10, 11], 1].min())
+    joints[..., 1] += scorer.body.sole_offset - lowest
+    joints[-1, 10, 1] += high
+    assert _stopped(Motion(joints, fps=20.0), scorer) == stopped
+
+
+def test_walks_have_what_tasks_have_by_default() -> None:
+    room = _room("pillars", 0.35)
+    for stop in (True, False):
+        (task,) = _tasks(room, 1, 0, 0.35, SolverSettings(), stop)
+        names = [term.name for term in task.build(0, scene=room.scene).objective.terms]
+        assert names[-2:] == ["sdf_penetration", "foot_contact"] and ("walk: stop" in names) == stop
