@@ -18,7 +18,7 @@ from scenes.motion.headings import heading, rotation_about_y
 if TYPE_CHECKING:
     from pyvista import Plotter
 
-    from scenectl.view.picture import Picture
+    from scenectl.view.staging import Staging
 
 _FACING = np.deg2rad(35.0)
 """Angle between the way the person faces at first and the way to the camera: both front and side show."""
@@ -36,7 +36,7 @@ _FLOOR = (226, 223, 217)
 
 
 def draw_row(
-    picture: Picture, moments: Sequence[Moment], size: tuple[int, int], clearance: bool, writing: float
+    picture: Staging, moments: Sequence[Moment], size: tuple[int, int], clearance: bool, writing: int
 ) -> Panel:
     """People at several moments beside each other, each with the marks of goals that apply then.
 
@@ -64,7 +64,7 @@ def draw_row(
 class _Row:
     """Where people of a row are: +x goes along it, +z to the camera."""
 
-    def __init__(self, picture: Picture, moments: Sequence[Moment], size: tuple[int, int], writing: float) -> None:
+    def __init__(self, picture: Staging, moments: Sequence[Moment], size: tuple[int, int], writing: int) -> None:
         assert picture.motion is not None
         self.picture, self.moments, self.size = picture, moments, size
         self.roots = [self._root(moment.frame) for moment in moments]
