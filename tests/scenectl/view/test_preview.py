@@ -15,7 +15,9 @@ from hypothesis import given, settings, strategies as st
 
 from objectives import Context, Objective, Term
 from scenectl.measures.believability.verdict import Finding, Verdict
-from scenectl.view import Picture
+from scenectl.pipeline.run import run
+from scenectl.tasks.task import Task
+from scenectl.view import Picture, of_folder, of_result
 from scenectl.view.camera import Camera
 from scenectl.view.caption import Caption, told
 from scenectl.view.labels import COARSE, LONG, Label, cut, draw_labels, font, letters, plain, short, spots
@@ -323,6 +325,24 @@ def test_captions_say_what_is_met_and_believed(tiny: ModuleType) -> None:
         assert len(caption.lines) <= 6 and caption.letters == letters(size)
         for line in caption.lines:
             assert font(caption.letters).getlength("".join(run.text for run in line)) <= size[0]
+
+
+def test_results_show_what_their_reports_say(tiny: ModuleType, tmp_path: Path) -> None:
+    """Of a result at hand and of the folder it was saved to; reports of before the verdict have none."""
+    goals = (Term("joint_target", {"joint": "pelvis", "position": [0.0, 9.0]}, at=2.0),)
+    result = run(Task(prompt="walk", seconds=3.0, goals=goals), 1, generator=tiny.TinyGenerator())
+    row = result.report["samples"][0]
+    finding = Finding("speed", 9.0, 3.0, "m/s", "the pelvis makes 9 m/s at 1.30 s", at_s=1.3)
+    row["verdict"] = Verdict((finding,)).as_dict()
+    row["terms"][0]["cost"] = None  # what was not a number
+    result.save(tmp_path, preview=False)
+    for picture in (of_result(result), of_folder(tmp_path)):
+        assert picture.verdict is not None and picture.verdict.findings == (finding,)
+        (report,) = picture.reports
+        assert report == replace(result.samples[0].terms[0], cost=float("inf"))
+        assert {about for moment in picture.moments(None) for about in moment.about} == {"speed", report.name}
+    del row["verdict"]
+    assert of_result(result).verdict is None
 
 
 def test_users_words_are_drawn_as_they_are(tiny: ModuleType, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
