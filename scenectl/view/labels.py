@@ -118,10 +118,9 @@ def draw_labels(image: Image, labels: Sequence[Label], busy: np.ndarray, height:
         busy: what should rather not be covered, ``[h, w]`` from 0 to 1, a value for `COARSE` pixels of the image.
         height: of letters, pixels.
     """
-    from PIL import Image, ImageDraw
+    from PIL import ImageDraw
 
-    sheet = Image.new("RGBA", image.size, (*PAPER, 0))
-    draw, type_ = ImageDraw.Draw(sheet), font(height)
+    draw, type_ = ImageDraw.Draw(image, "RGBA"), font(height)
     pad, total = height / 4, np.pad(busy.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     boxes: list[Box] = []
     for label in labels:
@@ -137,7 +136,6 @@ def draw_labels(image: Image, labels: Sequence[Label], busy: np.ndarray, height:
         draw.rounded_rectangle(box, radius=pad, fill=(*PAPER, _BACKED))
         where = (box[0] + pad - left, box[1] + pad - top)
         draw.multiline_text(where, label.text, fill=(*label.colour, 255), font=type_, align="center")
-    image.paste(sheet, mask=sheet)
     return boxes
 
 

@@ -55,7 +55,7 @@ def compose(picture: Staging, moments: Sequence[Moment], size: tuple[int, int], 
     plan = planned(picture, moments, (size[0], size[1] - caption.height))
     panels = [draw_scene(picture, plan, extras)] if plan.scene[1] else []
     if plan.beside:
-        panels.append(draw_row(picture, plan.beside, plan.row, extras.clearance, 3 * letters(size)))
+        panels.append(draw_row(picture, plan.beside, plan.row, extras.clearance, letters(size)))
     sheet, top = Image.new("RGB", size, PAPER), 0
     for panel in panels:
         part = Image.fromarray(panel.image)

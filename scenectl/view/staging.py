@@ -209,13 +209,14 @@ class Staging:
         colour: np.ndarray = _STRONG,
         name: str | None = None,
         place: np.ndarray | None = None,
+        legend: bool = True,
     ) -> None:
         """The body at a frame, moved by `place`, in a colour (sRGB 0 to 255) or by its distance to the scene."""
         hull = body_hull(self.body, self.joints(frame))
         look = {"color": colour.astype(int).tolist()}
         if clearance:
             hull.point_data[_CLEARANCE] = self.clearances(hull.points, frame)
-            look = scaled(_CLEARANCE, "RdYlGn", (0.0, _NEAR), 0.7)
+            look = {**scaled(_CLEARANCE, "RdYlGn", (0.0, _NEAR), 0.7), "show_scalar_bar": legend}
         if place is not None:
             hull.transform(place, transform_all_input_vectors=True, inplace=True)
         stage.add_mesh(hull, name=name, ambient=0.3, diffuse=0.72, specular=0.12, **ROUND, **look)
