@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -41,6 +42,13 @@ class TermReport:
     def as_dict(self) -> dict[str, Any]:
         """All but the series, for JSON, which knows no nan or infinity: those become None."""
         return {key: _finite(value) for key, value in asdict(replace(self, series=())).items() if key != "series"}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> TermReport:
+        """What `as_dict` made the values of; a number that JSON could not hold is infinite."""
+        numbers = {key: math.inf for key in ("worst", "mean", "cost") if values[key] is None}
+        place = values["position"]
+        return cls(**{**values, **numbers, "position": None if place is None else tuple(place)})
 
     def sentence(self) -> str:
         """One line for a person: name, worst, when, where, tolerance, met or not."""

@@ -70,13 +70,8 @@ def _judged(picture: Picture, row: Mapping[str, Any]) -> Picture:
 
     said = row.get("verdict")
     verdict = None if said is None else Verdict(tuple(Finding(**finding) for finding in said["findings"]))
-    reports = [TermReport(**{**term, "worst": _number(term["worst"])}) for term in row["terms"]]
+    reports = [TermReport.from_dict(term) for term in row["terms"]]
     return replace(picture, reports=reports, verdict=verdict)
-
-
-def _number(value: float | None) -> float:
-    """What a report says: it has None for what is not finite."""
-    return float("inf") if value is None else value
 
 
 def draw_result(result: Result, png: str | Path) -> None:

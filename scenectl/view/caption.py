@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from objectives import TermReport
 from scenectl.measures.believability.verdict import Verdict
-from scenectl.view.labels import MET, MISSED, Colour, cut, font, letters, plain
+from scenectl.view.labels import LONG, MET, MISSED, Colour, cut, font, letters, plain, short
 from scenectl.view.stage import INK
 
 if TYPE_CHECKING:
@@ -39,7 +39,10 @@ class Caption:
         type_, width = font(self.letters), size[0] - 2 * _INDENT * self.letters
         said = [[Run(word) for word in plain(title).split(" ")], list(_judged(reports, verdict))]
         lines = [line for runs in said for line in _rows([run for run in runs if run.text], " ", width, type_)]
-        goals = [Run(told(report), MET if report.met else MISSED) for report in sorted(reports, key=lambda r: r.met)]
+        goals = [
+            Run(told(report, 2 * LONG), MET if report.met else MISSED)
+            for report in sorted(reports, key=lambda r: r.met)
+        ]
         self.lines = [*lines, *_rows(goals, _APART, width, type_)]
         self.height = round(_LEADING * self.letters * (len(self.lines) + 0.5)) if self.lines else 0
 
@@ -55,9 +58,9 @@ class Caption:
                 x += type_.getlength(run.text)
 
 
-def told(report: TermReport) -> str:
-    """A goal in a few words: its name, whether it is met, and by how much."""
-    name, unit, worst = plain(report.name), report.unit, f"{round(report.worst, 3):.3g}"
+def told(report: TermReport, most: int = LONG) -> str:
+    """A goal in a few words: its name in at most so many letters, whether it is met, and by how much."""
+    name, unit, worst = short(report.name, most), report.unit, f"{round(report.worst, 3):.3g}"
     if report.when is None:
         return f"{name}: {'met' if report.met else 'missed'}, never active"
     if report.met:

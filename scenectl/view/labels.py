@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -24,15 +25,17 @@ MET, MISSED = (27, 106, 62), (176, 32, 32)
 PAPER = (255, 255, 255)
 COARSE = 4
 """Pixels of a picture along a pixel of what is known to be busy."""
+LONG = 28
+"""Letters of a name in a label."""
 _HEIGHT, _LEAST = 0.021, 8
 """Height of letters as a share of the picture's height, and the least in pixels."""
 _BACKED = 214
 """Opacity of the paper behind labels, of 255."""
-_WAYS = [(np.sin(a), -np.cos(a)) for a in np.deg2rad([0, 35, -35, 70, -70, 90, -90, 125, -125, 180])]
+_WAYS = [(math.sin(a), -math.cos(a)) for a in map(math.radians, (0, 35, -35, 70, -70, 90, -90, 125, -125, 180))]
 """Where a label is tried around its anchor: above first."""
 _AWAY = (0.3, 0.9, 1.8, 3.0, 4.5, 7.0, 10.0)
 """Distances from the anchor at which it is tried, in heights of letters."""
-_COVER = 0.6
+_COVER = 1.5
 """Heights of letters by which a label goes further away to uncover a square of that height of a person."""
 
 
@@ -77,6 +80,12 @@ def plain(text: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
+def short(name: str, most: int = LONG) -> str:
+    """A name in one line of at most so many letters."""
+    name = plain(name)
+    return name if len(name) <= most else name[: most - 1].rstrip() + "…"
+
+
 def cut(text: str, width: float, type_: FreeTypeFont) -> str:
     """A line of at most `width` pixels: cut with an ellipsis where it is longer."""
     if type_.getlength(text) <= width:
@@ -109,10 +118,9 @@ def draw_labels(image: Image, labels: Sequence[Label], busy: np.ndarray, height:
         busy: what should rather not be covered, ``[h, w]`` from 0 to 1, a value for `COARSE` pixels of the image.
         height: of letters, pixels.
     """
-    from PIL import Image, ImageDraw
+    from PIL import ImageDraw
 
-    sheet = Image.new("RGBA", image.size, (*PAPER, 0))
-    draw, type_ = ImageDraw.Draw(sheet), font(height)
+    draw, type_ = ImageDraw.Draw(image, "RGBA"), font(height)
     pad, total = height / 4, np.pad(busy.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     boxes: list[Box] = []
     for label in labels:
@@ -128,7 +136,6 @@ def draw_labels(image: Image, labels: Sequence[Label], busy: np.ndarray, height:
         draw.rounded_rectangle(box, radius=pad, fill=(*PAPER, _BACKED))
         where = (box[0] + pad - left, box[1] + pad - top)
         draw.multiline_text(where, label.text, fill=(*label.colour, 255), font=type_, align="center")
-    image.paste(sheet, mask=sheet)
     return boxes
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from objectives import Mark
 from scenectl.view.camera import Camera, look_from
-from scenectl.view.labels import Label, Panel, spots
+from scenectl.view.labels import Label, Panel, cut, font, spots
 from scenectl.view.marks import draw_mark, moves, places
 from scenectl.view.moments import Moment
 from scenectl.view.stage import open_stage, shot
@@ -18,7 +18,7 @@ from scenes.motion.headings import heading, rotation_about_y
 if TYPE_CHECKING:
     from pyvista import Plotter
 
-    from scenectl.view.picture import Picture
+    from scenectl.view.staging import Staging
 
 _FACING = np.deg2rad(35.0)
 """Angle between the way the person faces at first and the way to the camera: both front and side show."""
@@ -26,6 +26,8 @@ _ABOVE = np.deg2rad(9.0)
 """Elevation of the camera: the floor shows, and heights can still be compared."""
 _GAP, _RADIUS = 0.12, 0.1
 """Metres between two people, and around their joints."""
+_LINES = 3
+"""Heights of letters over people that are left for labels."""
 _LOW = 0.25
 """Metres of floor in front of the feet."""
 _NEAR = 1.0
@@ -35,9 +37,7 @@ _DEEP = 1.6
 _FLOOR = (226, 223, 217)
 
 
-def draw_row(
-    picture: Picture, moments: Sequence[Moment], size: tuple[int, int], clearance: bool, writing: float
-) -> Panel:
+def draw_row(picture: Staging, moments: Sequence[Moment], size: tuple[int, int], clearance: bool, height: int) -> Panel:
     """People at several moments beside each other, each with the marks of goals that apply then.
 
     Args:
@@ -45,18 +45,17 @@ def draw_row(
         moments: when.
         size: pixels.
         clearance: colour bodies by their distance to the scene.
-        writing: pixels over them that are left for labels.
+        height: of letters, pixels.
     """
-    row = _Row(picture, moments, size, writing)
+    row = _Row(picture, moments, size, _LINES * height)
     stage = open_stage(size)
     row.set_up(stage)
     for k in range(len(moments)):
         row.draw(stage, k, clearance)
     heads = np.stack([pose[pose[:, 1].argmax()] + [0.0, 0.2, 0.0] for pose in row.poses])
-    labels = [
-        Label(picture.told(moment), (float(x), float(y)))
-        for moment, (x, y) in zip(moments, row.pixels(heads), strict=True)
-    ]
+    wide = max(size[0] / len(moments) - height, 4 * height)
+    told = ["\n".join(cut(line, wide, font(height)) for line in picture.told(m).split("\n")) for m in moments]
+    labels = [Label(text, (x, y)) for text, (x, y) in zip(told, row.pixels(heads).tolist(), strict=True)]
     joints = np.concatenate(row.poses)
     return Panel(shot(stage), labels, spots(row.pixels(joints), np.full(len(joints), _RADIUS * row.scale), size))
 
@@ -64,7 +63,7 @@ def draw_row(
 class _Row:
     """Where people of a row are: +x goes along it, +z to the camera."""
 
-    def __init__(self, picture: Picture, moments: Sequence[Moment], size: tuple[int, int], writing: float) -> None:
+    def __init__(self, picture: Staging, moments: Sequence[Moment], size: tuple[int, int], writing: int) -> None:
         assert picture.motion is not None
         self.picture, self.moments, self.size = picture, moments, size
         self.roots = [self._root(moment.frame) for moment in moments]
@@ -132,6 +131,6 @@ class _Row:
         matrix = np.eye(4)
         matrix[:3, :3] = self.turn
         matrix[:3, 3] = self.shifts[k] - self.turn @ self.roots[k]
-        picture.draw_body(stage, frame, clearance, picture.colour(frame), f"person {k}", matrix)
+        picture.draw_body(stage, frame, clearance, picture.colour(frame), f"person {k}", matrix, legend=False)
         for mark, met, points in self._near(frame):
             draw_mark(stage, mark, points @ self.turn.T + matrix[:3, 3], met)

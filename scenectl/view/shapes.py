@@ -48,7 +48,7 @@ def body_hull(body: ProxyBody, joints: np.ndarray) -> PolyData:
             ends.append((joints[s.joint], (1.0 + s.beyond) * joints[s.joint] - s.beyond * joints[s.base]))
             radii.append([min(radius[s.joint], s.radius), s.radius])
     a, b = np.stack(ends, axis=1)
-    return capsules(a, b, np.array(radii), sides=18)
+    return capsules(a, b, np.array(radii), sides=14)
 
 
 def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, sides: int = 60) -> PolyData:

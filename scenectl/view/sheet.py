@@ -9,7 +9,7 @@ import numpy as np
 
 from scenectl.view.camera import Camera, seen_along
 from scenectl.view.caption import Caption, told
-from scenectl.view.labels import MET, MISSED, PAPER, Label, Panel, draw_labels, letters, spots
+from scenectl.view.labels import COARSE, MET, MISSED, PAPER, Label, Panel, draw_labels, letters, short, spots
 from scenectl.view.marks import places
 from scenectl.view.moments import APART, Moment
 from scenectl.view.row import draw_row
@@ -18,7 +18,7 @@ from scenectl.view.stage import INK, open_stage, shot
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from scenectl.view.picture import Picture
+    from scenectl.view.staging import Staging
 
 _OVER, _ALONE = 0.12, 0.8
 """Share of a person that another may cover in the scene; seconds around a person that is shown within which one between
@@ -47,7 +47,7 @@ class Plan(NamedTuple):
     row: tuple[int, int]
 
 
-def compose(picture: Picture, moments: Sequence[Moment], size: tuple[int, int], extras: Extras) -> Image:
+def compose(picture: Staging, moments: Sequence[Moment], size: tuple[int, int], extras: Extras) -> Image:
     """All of a picture at some moments, of a size (pixels)."""
     from PIL import Image
 
@@ -55,7 +55,7 @@ def compose(picture: Picture, moments: Sequence[Moment], size: tuple[int, int], 
     plan = planned(picture, moments, (size[0], size[1] - caption.height))
     panels = [draw_scene(picture, plan, extras)] if plan.scene[1] else []
     if plan.beside:
-        panels.append(draw_row(picture, plan.beside, plan.row, extras.clearance, 3 * letters(size)))
+        panels.append(draw_row(picture, plan.beside, plan.row, extras.clearance, letters(size)))
     sheet, top = Image.new("RGB", size, PAPER), 0
     for panel in panels:
         part = Image.fromarray(panel.image)
@@ -66,7 +66,7 @@ def compose(picture: Picture, moments: Sequence[Moment], size: tuple[int, int], 
     return sheet
 
 
-def planned(picture: Picture, moments: Sequence[Moment], size: tuple[int, int]) -> Plan:
+def planned(picture: Staging, moments: Sequence[Moment], size: tuple[int, int]) -> Plan:
     """How moments are shown in a size (pixels): the scene is left away where there is none and nobody moves on."""
     width, height = size
     camera = picture.look(moments, width / height)
@@ -82,7 +82,7 @@ def planned(picture: Picture, moments: Sequence[Moment], size: tuple[int, int]) 
 
 
 def shared_out(
-    picture: Picture, moments: Sequence[Moment], camera: Camera, size: tuple[int, int]
+    picture: Staging, moments: Sequence[Moment], camera: Camera, size: tuple[int, int]
 ) -> tuple[list[Moment], list[Moment]]:
     """The moments to show in the scene, where no person hides another, and those to show in a row instead.
 
@@ -112,7 +112,7 @@ def shared_out(
     return [moments[k] for k in sorted(shown)], [moments[k] for k in beside]
 
 
-def _outline(picture: Picture, moment: Moment, camera: Camera, size: tuple[int, int]) -> np.ndarray:
+def _outline(picture: Staging, moment: Moment, camera: Camera, size: tuple[int, int]) -> np.ndarray:
     """Where a person is in a picture, coarse."""
     points = picture.surface(moment.frame)
     pixels, scale = camera.project(points, size)
@@ -123,7 +123,7 @@ def _shared(a: np.ndarray, b: np.ndarray) -> float:
     return float((a & b).sum()) / max(1, min(a.sum(), b.sum()))
 
 
-def draw_scene(picture: Picture, plan: Plan, extras: Extras) -> Panel:
+def draw_scene(picture: Staging, plan: Plan, extras: Extras) -> Panel:
     """The scene with people at the moments shown."""
     shown, camera, size = plan.shown, plan.camera, plan.scene
     stage, frames = open_stage(size), [moment.frame for moment in shown]
@@ -134,31 +134,28 @@ def draw_scene(picture: Picture, plan: Plan, extras: Extras) -> Panel:
     if extras.slice:
         picture.draw_slice(stage, picture.hip_height, picture.time(frames[-1]) if len(frames) == 1 else 0.0)
     marked = _mark_labels(picture, camera, size)
-    heads = [picture.joints(frame)[:, 1].argmax() for frame in frames]
-    tops = [picture.joints(frame)[head] + [0.0, 0.2, 0.0] for frame, head in zip(frames, heads, strict=True)]
-    labels = [
-        Label(picture.told(moment, but=marked), _pixel(camera, top, size))
-        for moment, top in zip(shown, tops, strict=True)
-    ]
-    busy = np.zeros((size[1] // 4, size[0] // 4), dtype=bool)
+    tops = [joints[joints[:, 1].argmax()] + [0.0, 0.2, 0.0] for joints in map(picture.joints, frames)]
+    heads, _ = camera.project(np.reshape(tops, (-1, 3)), size)
+    labels = [Label(picture.told(moment, marked), (x, y)) for moment, (x, y) in zip(shown, heads.tolist(), strict=True)]
+    busy = np.zeros((size[1] // COARSE, size[0] // COARSE), dtype=bool)
     for moment in shown:
         busy |= _outline(picture, moment, camera, size)
+    for mark in (mark for mark in picture.marks if mark.shape != "line"):
+        pixels, scale = camera.project(places(mark, picture.ground, picture.end), size)
+        busy |= spots(pixels, mark.radius * scale, size)
     return Panel(shot(stage), [*labels, *marked.values()], busy)
 
 
-def _mark_labels(picture: Picture, camera: Camera, size: tuple[int, int]) -> dict[str, Label]:
+def _mark_labels(picture: Staging, camera: Camera, size: tuple[int, int]) -> dict[str, Label]:
     """A label for each goal that has a mark in the picture, by the goal's name."""
     labels: dict[str, Label] = {}
-    for goal in picture.goals[:_NAMED]:
-        spots_ = [places(mark, picture.ground, picture.end)[len(mark.points) // 2 :][:1] for mark in goal.marks]
-        pixels = [_pixel(camera, spot[0], size) for spot in spots_ if len(spot)]
-        inside = next((p for p in pixels if 0 <= p[0] < size[0] and 0 <= p[1] < size[1]), None)
-        if inside is not None:
-            colour = INK if goal.report is None else MET if goal.report.met else MISSED
-            labels[goal.name] = Label(goal.name if goal.report is None else told(goal.report), inside, colour)
+    for goal in sorted(picture.goals, key=lambda goal: goal.met)[:_NAMED]:
+        found = [places(mark, picture.ground, picture.end) for mark in goal.marks]
+        middles = [points[len(points) // 2] for points in found if len(points)]
+        pixels, _ = camera.project(np.reshape(middles, (-1, 3)), size)
+        inside = pixels[((pixels >= 0) & (pixels < size)).all(axis=1)]
+        if len(inside):
+            colour = INK if goal.report is None else MET if goal.met else MISSED
+            text = short(goal.name) if goal.report is None else told(goal.report)
+            labels[goal.name] = Label(text, (float(inside[0, 0]), float(inside[0, 1])), colour)
     return labels
-
-
-def _pixel(camera: Camera, point: np.ndarray, size: tuple[int, int]) -> tuple[float, float]:
-    x, y = camera.project(point, size)[0].tolist()
-    return x, y

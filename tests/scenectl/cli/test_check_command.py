@@ -15,7 +15,6 @@ HEAD = 'prompt = "a person walks"\nseconds = 4.0\n'
 GROUND = HEAD + "start = [0.0, 0.0]\n"
 SCENE = '[scene]\nprimitives = [{ shape = "sphere", center = [3.0, 1.0, 3.0], radius = 0.3 }]\n'
 WALK = "[walk]\nto = [0.0, 2.0]\n"
-OWN = '[[goal]]\nuse = "sdf_penetration"\n'
 
 
 def test_it_goes_on_after_a_task_that_is_wrong(scenectl: Run, tmp_path: Path) -> None:
