@@ -18,7 +18,7 @@ from objectives.maths import frames_near, within
 from objectives.parameters import NotNegative, Positive, moved, parse
 from objectives.registry import JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
 from objectives.report import TermReport
-from scenes.errors import UserError
+from scenes.errors import UserError, shown
 from scenes.motion.frames import Place
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
@@ -146,7 +146,7 @@ class Term:
         if "use" not in table:
             raise UserError("a goal table needs 'use' with the name of a goal, such as use = \"joint_target\"")
         if not isinstance(table["use"], str):
-            raise UserError(f"'use' must be the name of a goal, not {table['use']!r}")
+            raise UserError(f"'use' must be the name of a goal, not {shown(table['use'])}")
         own = _options(
             f"goal '{table['use']}'", {key: table[key] for key in TERM_KEYS if key in table and key != "use"}
         )
