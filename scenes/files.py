@@ -58,7 +58,7 @@ def unreadable(path: str | Path, most: int = MOST_BYTES) -> str:
 def readable(path: str | Path, what: str, most: int = MOST_BYTES) -> Path:
     """The path of a file that can be read whole; raises UserError, naming it, where `unreadable` says why not."""
     if fault := unreadable(path, most):
-        raise UserError(f"{what} '{clipped(str(path))}' {fault}")
+        raise UserError(f"{what} '{clipped(str(path), 300)}' {fault}")
     return Path(path)
 
 

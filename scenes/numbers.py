@@ -11,6 +11,8 @@ MOST = 1e9
 what single precision holds (3.4e38), and no place on Earth has a coordinate over 2.1e7 m in any common projection."""
 LONGEST_WHOLE = 2**63 - 1
 """The largest whole number, as tensors and seeds hold them."""
+NARROWEST = 1e-6
+"""Metres: the smallest size of a shape; of smaller ones all corners are one, as those within 1e-8 m are merged."""
 WIDEST = 10_000.0
 """Metres: the largest size of a shape, and the widest scene. Neighbours in single precision lie 1 mm apart there
 (``numpy.spacing(numpy.float32(10000))``)."""
@@ -41,7 +43,7 @@ def finite(value: Any, what: str) -> float:
 
 
 def positive(value: Any, what: str) -> float:
-    """A size: a number above 0, at most `WIDEST`; raises UserError for anything else."""
-    if not 0 < (number := finite(value, what)) <= WIDEST:
-        raise UserError(f"{what} is {number:g}; give a positive number of metres, at most {WIDEST:g}")
+    """A size: a number above 0, from `NARROWEST` to `WIDEST`; raises UserError for anything else."""
+    if not NARROWEST <= (number := finite(value, what)) <= WIDEST:
+        raise UserError(f"{what} is {number:g}; give a positive number of metres, from {NARROWEST:g} to {WIDEST:g}")
     return number

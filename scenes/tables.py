@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
@@ -19,24 +21,38 @@ _STRICT: dict[str, dict[str, Any]] = {
 }
 
 
-def strict(schema: Any) -> Any:
-    """A core schema whose numbers are finite, within `MOST`, and no text or boolean, wherever in it they stand."""
-    if isinstance(schema, dict):
-        found = {key: strict(inner) for key, inner in schema.items()}
-        kind = schema.get("type")
-        if kind in _STRICT:
-            bounds = _BOUNDS.get(kind, {})
-            stated = {"ge": {"ge", "gt"} & found.keys(), "le": {"le", "lt"} & found.keys()}
-            found |= _STRICT[kind] | {key: bound for key, bound in bounds.items() if not stated[key]}
-        return found
-    return [strict(inner) for inner in schema] if isinstance(schema, list) else schema
+def strict(schema: Any, resolve: Callable[[Any], Any], seen: set[str] | None = None) -> Any:
+    """A core schema whose numbers are finite, within `MOST`, and no text or boolean, wherever in it they stand.
+
+    Args:
+        schema: of any type.
+        resolve: finds the schema of a class that another refers to, which is changed in place.
+        seen: references that were followed.
+    """
+    seen = set() if seen is None else seen
+    if isinstance(schema, list):
+        return [strict(inner, resolve, seen) for inner in schema]
+    if not isinstance(schema, dict):
+        return schema
+    kind = schema.get("type")
+    if kind == "definition-ref" and schema["schema_ref"] not in seen:
+        seen.add(schema["schema_ref"])
+        with suppress(LookupError):  # a class that refers to itself
+            meant = resolve(schema)
+            meant.update(strict(dict(meant), resolve, seen))
+        return schema
+    found = {key: strict(inner, resolve, seen) for key, inner in schema.items()}
+    if kind in _STRICT:
+        stated = {"ge": {"ge", "gt"} & found.keys(), "le": {"le", "lt"} & found.keys()}
+        found |= _STRICT[kind] | {key: bound for key, bound in _BOUNDS.get(kind, {}).items() if not stated[key]}
+    return found
 
 
 class Strict:
-    """``Annotated[hint, Strict()]``: any type, with its numbers as in a `Table`; models in it state their own."""
+    """``Annotated[hint, Strict()]``: any type, with its numbers as in a `Table`."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        return strict(handler(source))
+        return strict(handler(source), handler.resolve_ref_schema)
 
 
 class Table(BaseModel):
@@ -46,4 +62,4 @@ class Table(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        return strict(handler(source))
+        return strict(handler(source), handler.resolve_ref_schema)

@@ -20,8 +20,8 @@ LAPS = {"plan_s": "planning", "load_s": "loading", "generate_s": "generating", "
 def run(
     task: TaskFile,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results.")],
-    samples: Annotated[int | None, typer.Option(min=1, max=256, help="Motions to make; the best comes first.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the task's own.")] = None,
+    samples: Annotated[int | None, typer.Option(min=1, help="Motions to make; the best comes first.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Instead of the task's own.")] = None,
     generator: Annotated[str | None, typer.Option(help="A registered generator instead of the task's.")] = None,
     weights: Annotated[str | None, typer.Option(help="Weights to use instead of the task's.")] = None,
     preview: Annotated[bool, typer.Option(help="Draw preview.png.")] = True,

@@ -36,7 +36,7 @@ Shard = Annotated[
     str | None,
     typer.Option(metavar="I/N", help="Measure every N-th case, from the I-th on (from 0); N processes share --json."),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Of everything random.")]
+Seed = Annotated[int, typer.Option(help="Of everything random.")]
 Threads = Annotated[int | None, typer.Option(min=1, max=256, help="CPU threads; one by default.")]
 DATA = Path("../shared/data/motions")
 

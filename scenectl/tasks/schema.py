@@ -23,6 +23,7 @@ from scenectl.threads import MOST
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.body.proxies import load_body
 from scenes.errors import UserError, did_you_mean, shown
+from scenes.files import unreadable
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
@@ -384,7 +385,7 @@ def _named_scene(name: str, folder: Path) -> dict[str, Any]:
     """A scene given by one word: a bundled name, or a file beside the task."""
     if name in bundled_names():
         return {"bundled": name}
-    if (folder / name).is_file() or Path(name).suffix:
+    if not unreadable(folder / name) or Path(name).suffix:
         return {"file": name}  # a missing file is reported by the loader
     raise UserError(
         f"scene '{name}' is neither a bundled scene nor a file beside the task{did_you_mean(name, bundled_names())}"

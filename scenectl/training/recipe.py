@@ -12,8 +12,8 @@ from pydantic import BaseModel, Field, ValidationError
 
 from scenectl.data.augment import Augmentation
 from scenectl.training.placement import Precision
-from scenes.errors import UserError, did_you_mean
-from scenes.files import read_toml
+from scenes.errors import UserError, clipped, did_you_mean
+from scenes.files import read_toml, unreadable
 from scenes.tables import Table
 from scenes.validation import sentence
 
@@ -106,8 +106,9 @@ def _find(name: str | Path, beside: Path) -> Path:
     folder = Path(str(files("scenectl"))) / "configs"
     known = sorted(path.stem for path in folder.glob("*.toml"))
     path = folder / f"{name}.toml" if str(name) in known else beside / name
-    if not path.is_file():
-        raise UserError(f"no training config '{name}': neither a file nor bundled{did_you_mean(str(name), known)}")
+    if unreadable(path):
+        hint = did_you_mean(str(name), known)
+        raise UserError(f"no training config '{clipped(str(name), 300)}': neither a file nor bundled{hint}")
     return path
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scenes.body.capsules import sample_surface
 from scenes.body.rig import Part, Rig
 from scenes.errors import UserError, did_you_mean, shown
-from scenes.files import MOST_TEXT, readable
+from scenes.files import MOST_TEXT, readable, unreadable
 from scenes.mesh.collada import read_collada
 from scenes.mesh.content import joined
 from scenes.mesh.mesh import Mesh
@@ -22,7 +22,7 @@ from scenes.mesh.scale import LARGEST
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import transform
 from scenes.motion.skeleton import tree_order
-from scenes.numbers import MOST, is_number
+from scenes.numbers import MOST, NARROWEST, is_number
 
 Y_UP = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """From URDF's world (x forward, y left, z up) to ours (z forward, x left, y up)."""
@@ -205,7 +205,7 @@ def _found(uri: str, folder: Path) -> Path | None:
     scheme, _, rest = uri.rpartition("://")
     names = [rest] if scheme != "package" else [rest, rest.partition("/")[2]]
     folders = [folder, *folder.resolve().parents] if scheme == "package" else [folder]
-    return next((at / name for at in folders for name in names if name and (at / name).is_file()), None)
+    return next((at / name for at in folders for name in names if name and not unreadable(at / name)), None)
 
 
 def _origin(element: Element, where: str) -> np.ndarray:
@@ -235,9 +235,11 @@ def _numbers(element: Element, key: str, where: str, count: int, default: str | 
 
 def _sizes(element: Element, key: str, where: str, count: int) -> list[float]:
     numbers = _numbers(element, key, where, count)
-    if not 0 < min(numbers) <= max(numbers) <= LARGEST:
-        given = _quoted(element.get(key))
-        raise UserError(f"states {key}={given} for the {where}; give positive metres, at most {LARGEST:g}")
+    if min(numbers) <= 0:
+        raise UserError(f"states {key}={_quoted(element.get(key))} for the {where}; give positive metres")
+    if not NARROWEST <= min(numbers) <= max(numbers) <= LARGEST:
+        given, sizes = _quoted(element.get(key)), f"{NARROWEST:g} to {LARGEST:g}"
+        raise UserError(f"states {key}={given} for the {where}; give metres from {sizes}")
     return numbers
 
 

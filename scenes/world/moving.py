@@ -10,20 +10,22 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.errors import UserError
+from scenes.errors import UserError, shown
 from scenes.mesh.mesh import Mesh, hull
 from scenes.mesh.primitives import Plane, Primitive
 from scenes.mesh.surface import Surface
 from scenes.motion.frames import rotations
 from scenes.motion.waypoints import Number, Vector, Waypoints, clock, moment
+from scenes.numbers import finite
 from scenes.sdf.bake import Bake, bake
 from scenes.sdf.exact import signed_distance
 from scenes.sdf.field import DistanceField
@@ -129,15 +131,16 @@ class Trajectory:
 
 def _rows(name: str, given: Sequence[Number] | Sequence[Sequence[Number]], count: int, size: int) -> tuple[object, ...]:
     """Headings or quaternions as tuples of floats."""
+    wanted = "radians" if size == 1 else "w, x, y, z"
+    entries: Any = given
     try:
-        rows = np.array(given, dtype=np.float64)
+        rows = np.array([row if size == 1 else list(row) for row in entries], dtype=object)
+        rows = np.vectorize(partial(finite, what=f"trajectory {name}"), otypes=[np.float64])(rows)
     except (TypeError, ValueError) as error:
-        raise UserError(f"trajectory {name} are {given!r}; give {'radians' if size == 1 else 'w, x, y, z'}") from error
+        raise UserError(f"trajectory {name} are {shown(given)}; give {wanted}, finite numbers") from error
     if rows.shape != ((count,) if size == 1 else (count, size)):
         what = "one angle (rad)" if size == 1 else "four numbers w, x, y, z"
         raise UserError(f"trajectory {name} have shape {list(rows.shape)} for {count} times; give {what} for each time")
-    if not np.isfinite(rows).all():
-        raise UserError(f"trajectory {name} are {given!r}; give finite numbers")
     if size == 1:
         return tuple(rows.tolist())
     lengths = np.linalg.norm(rows, axis=1)

@@ -117,7 +117,17 @@ class Scene:
 
     @property
     def middle(self) -> np.ndarray | None:
-        """Middle ``[3]`` (m) of its meshes, without any of its shapes and objects; None of a floor alone."""
+        """Middle ``[3]`` (m) of its meshes, without any of its shapes and objects; None of a floor alone.
+
+        Raises:
+            UserError: all of it together is wider than `WIDEST`.
+        """
+        every = [*(mesh.bounds for mesh in self.meshes), *self._loose]
+        if every and (wide := float(np.ptp(hull(every), axis=0).max())) > WIDEST:
+            raise UserError(
+                f"scene '{self.name}' is {wide:.3g} m wide with its shapes and objects, and scenes are {WIDEST:g} m at "
+                "most; move them together"
+            )
         solids = [mesh.bounds for mesh in self.meshes] or self._loose
         return hull(solids).mean(axis=0) if solids else None
 
@@ -369,11 +379,6 @@ class Scene:
         A scene with nothing but a floor has no bounds of its own; it is given 40 x 4 x 40 m around the origin.
         """
         solids = [mesh.bounds for mesh in self.meshes] + self._loose
-        if solids and (wide := float(np.ptp(hull(solids), axis=0).max())) > WIDEST:
-            raise UserError(
-                f"scene '{self.name}' is {wide:.3g} m wide with its shapes and objects, and scenes are {WIDEST:g} m at "
-                "most; move them together"
-            )
         if self.meshes:
             return hull(solids)
         low = self.stated_floor or 0.0

@@ -80,8 +80,8 @@ def attempt(seed: int, folder: Path) -> tuple[str, str, str]:
             warnings.simplefilter("always")
             target.read(path)
     except UserError as error:
-        text = str(error)
-        if "\n" in text or not 10 < len(text) < LONGEST:
+        text = " ".join(str(error).split())  # as the command line prints it
+        if "validation error" in text or "Traceback" in text or not 10 < len(text) < LONGEST:
             return target.name, "sentence", text[:300]
     except Hang as error:
         return target.name, "hang", _line(error)

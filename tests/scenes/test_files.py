@@ -17,15 +17,35 @@ import numpy as np
 import pytest
 import torch
 
+from objectives import Term
 from scenectl.bench.engine import Engine
 from scenectl.export.bvh import write_bvh
+from scenectl.generators.mscot.training.stages import MSCoTRecipe
+from scenectl.tasks.task import load_task
+from scenectl.training.recipe import load_recipe
+from scenes.body.gltf import read_rig
+from scenes.body.proxies import Proxies
+from scenes.body.urdf import read_urdf
 from scenes.errors import UserError
-from scenes.files import atomic_write, read_array, sweep, write_json
+from scenes.files import (
+    MOST_BYTES,
+    atomic_write,
+    read_array,
+    read_arrays,
+    read_bytes,
+    read_json,
+    read_text,
+    read_toml,
+    sweep,
+    write_json,
+)
+from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Box
 from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 from scenes.sdf.bake import bake
+from scenes.sdf.grid import SdfGrid
 
 FULL = "cannot write '{}': No space left on device"
 
@@ -143,6 +163,87 @@ def test_rows_that_a_bench_keeps_name_their_file(tmp_path: Path) -> None:
     (tmp_path / "bench.json.rows").symlink_to("/dev/full")
     with pytest.raises(UserError, match=r"cannot write '.*bench.json.rows': No space left on device"):
         engine.run([("one", 1)], lambda case: [{"n": case}], lambda rows: {}, {})
+
+
+def special(folder: Path) -> dict[str, tuple[Path, str]]:
+    """What is no file, and what is said of it."""
+    os.mkfifo(folder / "pipe")
+    (folder / "ring").symlink_to(folder / "ring")
+    with (folder / "large").open("wb") as file:
+        file.truncate(MOST_BYTES + 1)  # takes no room on the disk
+    return {
+        "pipe": (folder / "pipe", "is a pipe"),
+        "folder": (folder, "is a folder; give a file in it"),
+        "device": (Path("/dev/zero"), "is a device"),
+        "ring": (folder / "ring", "cannot be read"),
+        "nothing": (folder / "nothing", "does not exist"),
+        "below a file": (folder / "large" / "x", "does not exist"),
+        "long name": (folder / ("x" * 4000), "cannot be read"),
+        "zero byte": (folder / "a\0b", "cannot be read"),
+        "large": (folder / "large", "MB"),
+    }
+
+
+READS: dict[str, Callable[[Path], object]] = {
+    "bytes": lambda path: read_bytes(path, "file"),
+    "text": lambda path: read_text(path, "file"),
+    "toml": lambda path: read_toml(path, "file"),
+    "json": lambda path: read_json(path, "file"),
+    "arrays": lambda path: read_arrays(path, "file", dict),
+    "array": lambda path: read_array(path, "file", "[T, 3]", "make it again"),
+    "task": load_task,
+    "recipe": lambda path: load_recipe(path, MSCoTRecipe),
+    "body": Proxies.load,
+    "motion": Motion.load,
+    "grid": SdfGrid.load,
+    "robot": read_urdf,
+    "character": read_rig,
+    "mesh": load_mesh,
+    "track": lambda path: Term("joint_target", {"joint": "pelvis", "track": {"kind": "array", "file": str(path)}}),
+}
+
+
+@pytest.mark.parametrize("read", READS)
+def test_only_files_of_a_bounded_size_are_read(read: str, tmp_path: Path) -> None:
+    for kind, (path, words) in special(tmp_path).items():
+        with pytest.raises(UserError) as told:
+            READS[read](path)
+        text = str(told.value)
+        if read != "recipe":  # which may be a bundled one
+            assert words in text, kind
+        assert "\n" not in text and len(text) < 600
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"\xef\xbb\xbfx = 1\r\ny = 2\n")
+    assert read_text(path, "file") == "x = 1\ny = 2\n" and read_toml(path, "file") == {"x": 1, "y": 2}
+    path.write_bytes(b'\xef\xbb\xbf{"x": 1}')
+    assert read_json(path, "file") == {"x": 1}
+
+
+@pytest.mark.parametrize(
+    ("toml", "json", "words"),
+    [
+        ("x = " + "9" * 5000, "9" * 5000, "too many digits"),
+        ("x = " + "[" * 20000 + "]" * 20000, "[" * 200000 + "]" * 200000, "nested too deeply"),
+        ("x = ", "[1,", "is not"),
+        ("x = '\xff'", "'\xff'", "UTF-8"),
+    ],
+)
+def test_tables_that_parsers_cannot_read_are_told(tmp_path: Path, toml: str, json: str, words: str) -> None:
+    path, readers = tmp_path / "a", ((read_toml, toml), (read_json, json))
+    for read, text in readers:
+        path.write_bytes(text.encode("latin-1"))
+        with pytest.raises(UserError, match=words) as told:
+            read(path, "table")
+        assert str(told.value).startswith(f"table '{path}'") and len(str(told.value)) < 300
+
+
+def test_two_thousand_levels_are_too_deep_for_toml(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("x = " + "[" * 2000 + "]" * 2000)
+    with pytest.raises(UserError, match="nested too deeply"):
+        read_toml(tmp_path / "a.toml", "table")
 
 
 WRITER = """

@@ -65,6 +65,37 @@ TASKS: dict[str, tuple[str, str]] = {
     "start of three words": ('start = "somewhere"', "sample"),
     "unknown generator": ('[generator]\nname = "mscott"', "mscot"),
     "missing weights": ('[generator]\nweights = "nowhere"', "nowhere"),
+    "self as a key": ("self = 1", "unknown key 'self'"),
+    "cls as a key": ("cls = 1", "unknown key 'cls'"),
+    "self in a scene": ("[scene]\nself = 1", "self"),
+    "self in a goal": ('[[goal]]\nuse = "foot_contact"\nself = 1', "self"),
+    "self in a shape": ('[[scene.primitives]]\nshape = "sphere"\nself = 1', "self"),
+    "self in a motion": (
+        '[[scene.primitives]]\nshape = "sphere"\nradius = 1\ncenter = [0, 5, 0]\n'
+        "motion = {self = 1}", "'times'"),
+    "self in a generator": ("[generator]\nself = 1", "self"),
+    "a center beyond floats": (
+        f'[[scene.primitives]]\nshape = "box"\ncenter = [{10**400}, 0, 0]\nsize = [1, 1, 1]', "center"),
+    "a far place": ("start = [1e200, 0.0]", "start.position"),
+    "a vast radius": ('[[scene.primitives]]\nshape = "sphere"\ncenter = [0, 0, 0]\nradius = 1e15', "radius"),
+    "shapes far apart": (
+        '[scene]\nprimitives = [{shape = "sphere", center = [0, 0, 0], radius = 1.0}, '
+        '{shape = "sphere", center = [1e8, 0, 0], radius = 1.0}]', "wide"),
+    "a far object": (
+        '[[scene.objects]]\nprimitive = {shape = "box", center = [0, 0, 0], size = [1, 1, 1]}\ntimes = [0]\n'
+        "positions = [[1e30, 0, 0]]", "positions"),
+    "a weight beyond floats": (f'[[goal]]\nuse = "foot_contact"\nweight = {10**308}', "weight"),
+    "a vast weight": ('[[goal]]\nuse = "foot_contact"\nweight = 1e30', "weight"),
+    "threads of 20 digits": ("[generator]\nthreads = 99999999999999999999", "threads"),
+    "a seed of 20 digits": ("seed = 99999999999999999999", "seed"),
+    "an infinite heading": ("start = {position = [0, 0], heading = inf}", "heading"),
+    "an infinite cfg": ("[generator]\ncfg = inf", "cfg"),
+    "a vast cfg": ("[generator]\ncfg = 1e308", "cfg"),
+    "a temperature of nothing": ("[generator]\ntemperature = 1e-300", "temperature"),
+    "a vast guidance": ("[guidance]\nscale = 1e308", "scale"),
+    "a wider map than can be made": (
+        'walk = {to = [0.0, 1.0]}\n[scene]\nprimitives = [{shape = "sphere", center = [-900, 5, -900], radius = 1.0}, '
+        '{shape = "sphere", center = [900, 5, 900], radius = 1.0}]', "too large for ways"),
     "missing track": ('[[goal]]\nuse = "joint_target"\ntrack = { kind = "array", file = "t.npy" }', "t.npy"),
 }  # fmt: skip
 
@@ -314,3 +345,84 @@ def test_errors_in_a_scene_of_doubtful_size_tell_the_doubt(scenectl: Callable[..
     assert doubt in scenectl("bake", tmp_path / "room.obj", "--resolution", "32").err
     said = scenectl("check", tmp_path / "task.toml")
     assert said.status == 2 and "outside the scene" in said.err and doubt in said.err
+
+
+NUMBERS = {
+    "seconds": "seconds = {}",
+    "samples": "samples = {}",
+    "seed": "seed = {}",
+    "position": "start = [{}, 0.0]",
+    "heading": "start = {{position = [0.0, 0.0], heading = {}}}",
+    "to": "walk = {{to = [0.0, {}]}}",
+    "radius": "walk = {{to = [0.0, 1.0], radius = {}}}",
+    "arrive": "walk = {{to = [0.0, 1.0], arrive = {}}}",
+    "floor": "[scene]\nfloor = {}",
+    "spacing": "[scene]\nbundled = 'doorway'\nspacing = {}",
+    "thickness": "[scene]\nbundled = 'doorway'\nthickness = {}",
+    "resolution": "[scene]\nbundled = 'doorway'\nresolution = {}",
+    "size": "[[scene.primitives]]\nshape = 'box'\ncenter = [0, 5, 0]\nsize = [1, {}, 1]",
+    "yaw": "[[scene.primitives]]\nshape = 'box'\ncenter = [0, 5, 0]\nsize = [1, 1, 1]\nyaw = {}",
+    "weight": "[[goal]]\nuse = 'foot_contact'\nweight = {}",
+    "tolerance": "[[goal]]\nuse = 'foot_contact'\ntolerance = {}",
+    "window": "[[goal]]\nuse = 'foot_contact'\nwindow = [0.0, {}]",
+    "height": "[[goal]]\nuse = 'head_height'\nheight = {}",
+    "center": "[[goal]]\nuse = 'sphere_repulsion'\ncenter = [0, {}, 5]\nradius = 1.0",
+    "cfg": "[generator]\ncfg = {}",
+    "top_p": "[generator]\ntop_p = {}",
+    "iterations": "[solver]\niterations = {}",
+    "step": "[solver]\nstep = {}",
+    "scale": "[guidance]\nscale = {}",
+}
+"""A number of every table of a task."""
+
+
+@pytest.mark.parametrize("key", NUMBERS)
+def test_what_is_no_number_is_told_for_every_key(key: str, tmp_path: Path, scenectl: Callable[..., object]) -> None:
+    head = HEAD.replace("seconds = 4.0\n", "") if key == "seconds" else HEAD
+    for word in ("nan", "inf", "-inf", "true", '"1"', "1e300", str(10**400)):
+        one_sentence(scenectl("check", write(tmp_path, NUMBERS[key].format(word), head)), key)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "TASK", "-o", "out", "--seed", "9" * 20),
+        ("bake", "doorway", "--thickness", "nan"),
+        ("bake", "doorway", "--spacing", "inf"),
+        ("bake", "doorway", "--spacing", "1e-300"),
+        ("bake", "doorway", "--resolution", "9" * 30),
+        ("train", "all", "--iterations", "9" * 20),
+        ("body", "none.glb", "--coverage", "nan"),
+        ("bench", "rooms", "--seed", "9" * 20),
+        ("bench", "building", "--spacing", "1e308"),
+    ],
+    ids=" ".join,
+)
+def test_numbers_of_options_are_bounded(
+    words: tuple[str, ...], tmp_path: Path, scenectl: Callable[..., object]
+) -> None:
+    task = write(tmp_path, "")
+    one_sentence(scenectl(*(task if word == "TASK" else word for word in words)), words[-2].removeprefix("--"))
+
+
+def test_bodies_and_scenes_that_are_no_files(tmp_path: Path, scenectl: Callable[..., object]) -> None:
+    os.mkfifo(tmp_path / "pipe.glb")
+    os.mkfifo(tmp_path / "pipe.json")
+    for name, word in (("pipe.glb", "pipe"), (".", "folder"), ("/dev/zero", "device"), ("x" * 3000 + ".glb", "read")):
+        for line in (f"scene = '{name}'", f"[scene]\nfile = '{name}'", f"body = '{name.replace('glb', 'json')}'"):
+            if line.startswith("scene =") and "." not in name.strip("."):
+                continue  # a word without a dot names a bundled scene
+            one_sentence(scenectl("check", write(tmp_path, line)), word)
+    for name, word in (("pipe.glb", "pipe"), ("/dev/zero", "device")):
+        one_sentence(scenectl("check", tmp_path / name), word)
+
+
+def test_large_scenes_are_planned_on_a_coarser_map_which_is_said(
+    tmp_path: Path, scenectl: Callable[..., object]
+) -> None:
+    ball = '{{shape = "sphere", center = [{0}, 5, {0}], radius = 1.0}}'
+    text = (
+        f"start = [0.0, 0.0]\nwalk = {{to = [0.0, 3.0]}}\n[scene]\nprimitives = [{ball.format(-44)}, {ball.format(44)}]"
+    )
+    said = scenectl("check", write(tmp_path, text))
+    assert said.status == 0 and "90 x 90 m" in said.err and "cells of 9 cm" in said.err  # type: ignore[attr-defined]

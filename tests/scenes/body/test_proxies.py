@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ import torch
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from scenes.body.body import DEFAULT_BODY
 from scenes.body.capsules import sample_surface
 from scenes.body.fit import PLACED, fit_body
 from scenes.body.gltf import read_rig
@@ -145,7 +146,21 @@ def test_broken_body_files_are_told_in_one_sentence(lamp: Rig, tmp_path: Path) -
         (changed(rest=[[[1]]]), "not 4 by 4"),
         (changed(parts=[{**part, "link": "leg"}]), "no link 'leg'"),
         (changed(parts=[{**part, "capsules": [{**part["capsules"][0], "radius": -1.0}]}]), "cannot be"),
-        (changed(parts=[{**part, "capsules": [{**part["capsules"][0], "radius": math.nan}]}]), "cannot be"),
+        (changed(parts=[{**part, "capsules": [{**part["capsules"][0], "radius": math.nan}]}]), "finite"),
+    ]
+    body = asdict(DEFAULT_BODY)
+    sphere, bone = body["spheres"][0], body["capsules"][0]
+    broken += [
+        (changed(body={**body, "spheres": [{**sphere, "joint": 99}]}), "joints beyond its 22"),
+        (changed(body={**body, "capsules": [{**bone, "a": -3}]}), "joints beyond its 22"),
+        (changed(body={**body, "capsules": [{**bone, "radius": 1e-12}]}), "radii from"),  # 10^11 samples
+        (changed(body={**body, "spheres": [{**sphere, "radius": math.nan}]}), "damaged at body"),
+        (changed(body={**body, "sole_offset": 1e30}), "damaged at body"),
+        (changed(body={**body, "sole_offset": True}), "damaged at body"),
+        (changed(rest=[[[1e300] * 4] * 4] * 4), "damaged"),
+        (changed(coverage="1"), "damaged at coverage"),
+        (changed(parts=[{**part, "capsules": []}]), "cannot be"),
+        (changed(parts=[{**part, "self": 1, "capsules": [{**part["capsules"][0], "a": [1e300, 0, 0]}]}]), "damaged"),
     ]
     for content, sentence in broken:
         path.write_text(content)

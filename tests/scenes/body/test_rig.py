@@ -6,6 +6,7 @@ import base64
 import contextlib
 import json
 import math
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -288,6 +289,12 @@ def test_a_mirroring_scale_keeps_triangles_facing_outward(tmp_path: Path) -> Non
         ('radius="0.05"', "", "radius=nothing"),
         ('size="0.06 0.08 0.4"', 'size="0.06 0.08"', "give 3 numbers"),
         ('xyz="0 0 0.2"', 'xyz="0 0 nan"', "xyz='0 0 nan'"),
+        ('xyz="0 0 0.2"', 'xyz="0 0 1e308"', "xyz='0 0 1e308'"),
+        ('xyz="0 0 0.2"', 'xyz="0 0 3000"', "reaches over 2000 m"),
+        ('radius="0.05"', 'radius="1e300"', "radius='1e300' for the sphere"),
+        ('radius="0.05"', 'radius="3000"', "to 2000"),
+        ('radius="0.05"', 'radius="1e-300"', "give metres from 1e-06"),
+        ("rod.stl", "../../etc/archive.zip", "not beside it"),
         ("rod.stl", "rope.stl", "rope.stl' of link 'forearm', which is not beside it"),
         ("<box size", "<cone size", "unknown shape <cone>"),
         ('<link name="tip"/>', '<link name="bulb"/>', "two links of one name"),
@@ -299,6 +306,38 @@ def test_broken_robots_are_told_in_one_sentence(tmp_path: Path, old: str, new: s
     with pytest.raises(UserError, match=sentence) as told:
         read_urdf(robot(tmp_path, ROBOT.replace(old, new)))
     assert "lamp.urdf" in str(told.value) and "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("scale", ["1e300 1e300 1e300", "1e150 1 1", "1e6 1e6 1e6", "-1e300 1 1"])
+def test_shapes_that_are_scaled_beyond_any_scene_are_told_before_a_hull_is_made(tmp_path: Path, scale: str) -> None:
+    text = ROBOT.replace('scale="0.001 0.001 0.001"', f'scale="{scale}"')
+    with pytest.raises(UserError, match=r"at most 1e\+09|reaches over 2000 m") as told:
+        read_urdf(robot(tmp_path, text))
+    assert "lamp.urdf" in str(told.value)
+
+
+@pytest.mark.parametrize("size", [1e12, 1e30, 1e150, 1e300, math.inf, math.nan])
+@pytest.mark.parametrize("node", [0, 1])
+def test_characters_of_any_size_but_a_persons_are_told(tmp_path: Path, size: float, node: int) -> None:
+    for key, value in (("translation", [0, size, 0]), ("matrix", [size, *[0] * 4, size, *[0] * 4, size, *[0] * 4, 1])):
+        file = arm()
+        for turn in ("translation", "rotation", "scale"):
+            file.facts["nodes"][node].pop(turn, None)
+        file.facts["nodes"][node][key] = value
+        with pytest.raises(UserError, match=r"arm\.glb") as told:
+            read_rig(file.save(tmp_path / "arm.glb"))
+        assert "\n" not in str(told.value)
+
+
+def test_archives_and_pipes_are_no_meshes_whatever_they_are_called(tmp_path: Path) -> None:
+    path = robot(tmp_path)
+    mesh = tmp_path / "meshes" / "rod.stl"
+    for name in ("rod.zip", "rod.zae", "rod.gz", "rod.dae"):
+        with zipfile.ZipFile(mesh.with_name(name), "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("bomb.dae", b"\0" * 10_000_000)
+        path.write_text(ROBOT.replace("rod.stl", name))
+        with pytest.raises(UserError, match="unknown format" if name != "rod.dae" else "UTF-8"):
+            read_urdf(path)
 
 
 def test_meshes_that_cannot_be_read_and_hidden_doctypes_are_told(tmp_path: Path) -> None:

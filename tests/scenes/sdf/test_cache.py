@@ -9,9 +9,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
+import torch
 
+from scenes.errors import UserError
 from scenes.mesh.primitives import Box
 from scenes.sdf.bake import bake
+from scenes.sdf.grid import SdfGrid
 
 KILLS = 25
 
@@ -89,3 +93,46 @@ def test_leftovers_that_cannot_be_deleted_do_no_harm(tmp_path: Path) -> None:
     os.utime(left, (0, 0))
     bake(Box((0, 0, 0), (1, 1, 1)).mesh(), 16, cache=tmp_path)
     assert len(list(tmp_path.glob("*.npz"))) == 1
+
+
+def replaced(path: Path, **arrays: object) -> None:
+    """The cached bake with some of its arrays exchanged, whole and with true checksums."""
+    with np.load(path) as data:
+        kept = {name: data[name] for name in data.files}
+    np.savez(path, allow_pickle=True, **{**kept, **arrays})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("origin", np.array([1e300, 0.0, 0.0])),
+        ("origin", np.array([1, 2, 3])),
+        ("values", np.zeros((9, 9, 9))),  # float64
+        ("values", np.zeros((9, 9, 9), np.complex64)),
+        ("values", np.full((9, 9, 9), 1e30, np.float32)),
+        ("values", np.zeros((9, 9), np.float32)),
+        ("spacing", np.array(True)),
+        ("spacing", np.array(1e300)),
+        ("beyond", np.array(0.5)),
+        ("margin", np.array(-1.0)),
+        ("rule", np.array(3)),
+        ("doubts", np.array(["x"], dtype=object)),
+        ("confidence", np.zeros(7, np.uint8)),
+        ("boundary_edges", np.array("many")),
+        ("inward", np.array(2.5)),
+    ],
+)
+def test_a_cached_bake_of_another_type_is_made_again(tmp_path: Path, name: str, value: np.ndarray) -> None:
+    mesh = Box((0, 0, 0), (1, 2, 1)).mesh()
+    first = bake(mesh, 16, cache=tmp_path)
+    (path,) = tmp_path.glob("*.npz")
+    before = contents(path)
+    replaced(path, **{name: value})
+    again = bake(mesh, 16, cache=tmp_path)
+    assert torch.equal(again.grid.values, first.grid.values) and again.doubts == first.doubts
+    assert contents(path) == before
+    if name not in ("rule", "doubts", "confidence", "boundary_edges", "inward"):
+        again.grid.save(tmp_path / "grid.npz")
+        replaced(tmp_path / "grid.npz", **{name: value})
+        with pytest.raises(UserError, match=r"grid\.npz"):
+            SdfGrid.load(tmp_path / "grid.npz")
