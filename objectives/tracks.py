@@ -22,6 +22,7 @@ from torch import Tensor
 
 from objectives.parameters import File, Point, Positive
 from scenes.errors import UserError
+from scenes.files import reading
 from scenes.motion.frames import Place
 
 Span = tuple[float, float]
@@ -245,7 +246,7 @@ class ArrayTrack(TrackBase):
 def _read(path: Path, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
     if not path.is_file():
         raise UserError(f"track file '{path}' does not exist")
-    try:
+    with reading(f"track file '{path}'", "it is not an .npy or .npz file of numbers"):
         loaded = np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             return loaded, mask
@@ -254,18 +255,18 @@ def _read(path: Path, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray |
             if key is not None:
                 return loaded[key], loaded["mask"] if mask is None and "mask" in loaded.files else mask
             names = ", ".join(loaded.files) or "nothing"
-    except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
-        raise UserError(f"track file '{path}' is not an .npy or .npz file of numbers ({error})") from error
     raise UserError(f"track file '{path}' has no array 'positions' or 'joints', it holds {names}")
 
 
 def _samples(source: str, positions: np.ndarray, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    numeric = np.issubdtype(positions.dtype, np.number)
+    numeric = positions.dtype.kind in "iuf"
     if not numeric or positions.ndim not in (2, 3) or positions.shape[-1] != 3 or 0 in positions.shape:
         raise UserError(f"track {source} must hold numbers of shape [T, 3] or [T, n, 3], not {positions.shape}")
     points = positions.reshape(len(positions), -1, 3).astype(np.float64)
     stated = np.asarray(np.isfinite(points).all(axis=-1))
     if mask is not None:
+        if mask.dtype.kind not in "biuf":
+            raise UserError(f"track {source} has a mask of {mask.dtype}; give true or false, or numbers")
         if mask.shape not in (points.shape[:1], points.shape[:2]):
             raise UserError(f"track {source} has a mask of shape {mask.shape} for positions of shape {positions.shape}")
         stated = stated & mask.astype(bool).reshape(len(points), -1)

@@ -63,14 +63,12 @@ def run(
 
 
 def _drawn(result: Result, png: Path) -> bool:
-    """Draw the preview; where nothing can draw, the motion is still worth having. A full disk is an error as ever."""
+    """Draw the preview; where nothing can draw, or the disk is full, the motion is still worth having."""
     from scenectl.view import draw_result
 
     try:
         draw_result(result, png)
     except UserError as error:
-        if isinstance(error.__cause__, OSError):
-            raise
         err.print(literal(f"scenectl: no preview.png, because {error}"))
         return False
     return True
