@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import bars, err, literal, out
+from scenectl.console.console import bars, err, out
 from scenectl.console.options import GENERATOR, Generator, MotionFile
 from scenes.errors import UserError
 
@@ -58,7 +58,7 @@ def edit(
         result = edited(maker, original, mask, prompt, samples, seed, progress)
     result.report["edit"]["motion"] = str(motion)
     result.save(output, preview=False)
-    err.print(literal(f"weights: {maker.licence}"))
+    err.print(f"weights: {maker.licence}")
     out.print(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote motion.npz and report.json in {output}")
 
 

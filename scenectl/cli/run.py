@@ -10,7 +10,7 @@ import typer
 
 from scenectl.cli.clock import importing, since_start, told
 from scenectl.cli.score import show_samples
-from scenectl.console.console import bars, doubt, err, literal, out
+from scenectl.console.console import bars, doubt, err, out
 from scenectl.console.options import AllowCode, TaskFile, allow
 from scenes.errors import UserError
 
@@ -55,7 +55,7 @@ def run(
         drawn = preview and _drawn(result, output / "preview.png")
         laps["preview"] = time.perf_counter() - begin
     maker = result.report["generator"]
-    out.print(literal(f"weights '{maker['weights']}': {maker['licence']}"))
+    out.print(f"weights '{maker['weights']}': {maker['licence']}")
     show_samples(result)
     doubt(result.report["scene"]["doubts"])
     out.print(f"wrote motion.npz, report.json{' and preview.png' if drawn else ''} in {output}")
@@ -69,6 +69,6 @@ def _drawn(result: Result, png: Path) -> bool:
     try:
         draw_result(result, png)
     except UserError as error:
-        err.print(literal(f"scenectl: no preview.png, because {error}"))
+        err.print(f"scenectl: no preview.png, because {error}")
         return False
     return True

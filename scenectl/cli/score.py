@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import bars, literal, out, table
+from scenectl.console.console import bars, out, table
 from scenectl.console.options import AllowCode, MotionFile, TaskFile, allow
 
 if TYPE_CHECKING:
@@ -56,6 +56,6 @@ def show_samples(result: Result) -> None:
         )
     out.print(lines)
     for term in result.samples[0].terms:
-        out.print("  " + literal(term.sentence()))
+        out.print("  " + term.sentence())
     if (why := result.samples[0].diagnosis) is not None:
-        out.print("  why: " + literal(why))
+        out.print("  why: " + why)
