@@ -19,11 +19,13 @@ COMMANDS = ("check", "run", "score", "view", "edit", "goals", "scenes", "bake", 
 
 def main() -> None:
     """Run the command that the arguments name; exits with 2 for bad input."""
-    from scenectl.cli.root import app  # typer takes a tenth of a second, in which `entry` can be interrupted already
+    from scenectl.cli.root import (
+        commands,
+    )  # typer takes a tenth of a second, in which `entry` can be interrupted already
     from scenes.errors import UserError
 
     try:
-        app(prog_name="scenectl")
+        commands(*COMMANDS)(prog_name="scenectl")
     except UserError as error:
         _leave(str(error))
     except OSError as error:
