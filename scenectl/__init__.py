@@ -11,7 +11,7 @@ from scenectl.version import __version__
 
 # oneDNN keeps the code that it compiles for every shape, of 1,024 by default: 0.2 GB after some hundred motions of many
 # lengths. One motion needs up to 27 (ONEDNN_VERBOSE=profile_create). Read when torch first computes a convolution.
-os.environ.setdefault("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "64")
+os.environ.setdefault("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "32")
 
 _HOMES = {
     "objectives": "Context Objective Term goal goals",

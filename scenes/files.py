@@ -260,9 +260,11 @@ def read_array(path: str | Path, what: str, layout: str, hint: str) -> np.ndarra
         raise UserError(f"{what} '{path}' is not a NumPy array ({_reason(error)}); {hint}") from error
     if array.dtype.kind != "f" or array.ndim != len(layout.split(",")):
         raise UserError(f"{what} '{path}' is not an array of {layout} floats; {hint}")
+    with np.errstate(over="ignore"):
+        array = array.astype(np.float32)
     if not np.isfinite(array).all():
         raise UserError(f"{what} '{path}' holds numbers that are not finite; {hint}")
-    return array.astype(np.float32)
+    return array
 
 
 def writable_folder(folder: Path) -> None:

@@ -12,15 +12,17 @@ import signal
 import sys
 from contextlib import suppress
 
-from scenes.errors import UserError
+from scenectl.cli import COMMANDS, interrupts
 
 
 def main() -> None:
     """Run the command that the arguments name; exits with 2 for bad input."""
-    from scenectl.cli.root import app  # typer takes a tenth of a second, in which `entry` can be interrupted already
+    # typer takes a tenth of a second, in which `entry` can be interrupted already
+    from scenectl.cli.root import commands
+    from scenes.errors import UserError
 
     try:
-        app(prog_name="scenectl")
+        commands(*COMMANDS)(prog_name="scenectl")
     except UserError as error:
         _leave(str(error))
     except OSError as error:
@@ -36,8 +38,6 @@ def entry() -> None:
     Taking torch, VTK and their hundreds of thousands of objects apart takes up to a second, and leaves nothing behind
     that the system would not free; what is to be done at the end (`atexit`) is done, and all output is written.
     """
-    from scenectl.cli import interrupts
-
     interrupts.watch()
     from scenectl.console import streams
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.console.console import doubt, err, literal, out, table
+from scenectl.console.console import doubt, err, out, table
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -58,9 +58,9 @@ def _show_body(body: ProxyBody) -> None:
     """The radii of a body for the 22 joints, and where they come from."""
     lines = table("part", "radius (m)", "from")
     for row in body.table():
-        lines.add_row(literal(str(row["part"])), f"{row['radius_m']:.3f}", literal(str(row["origin"])))
+        lines.add_row(str(row["part"]), f"{row['radius_m']:.3f}", str(row["origin"]))
     out.print(lines)
-    out.print(f"\nSource: {literal(body.source)}")
+    out.print(f"\nSource: {body.source}")
     out.print(f"The sole lies {body.sole_offset:.3f} m below the lowest foot joint of a person at rest.")
 
 
@@ -69,7 +69,7 @@ def _show_proxies(proxies: Proxies) -> None:
     lines = table("link", "capsules", "radius (m)", "length (m)", "volume ratio", "of", "uncovered (mm)")
     for part in proxies.parts:
         lines.add_row(
-            literal(part.link),
+            part.link,
             str(len(part.capsules)),
             " ".join(f"{capsule.radius:.3f}" for capsule in part.capsules),
             " ".join(f"{capsule.length:.3f}" for capsule in part.capsules),
@@ -80,8 +80,8 @@ def _show_proxies(proxies: Proxies) -> None:
     out.print(lines)
     ratio = f"{proxies.volume_ratio:.2f} times their volume" if math.isfinite(proxies.volume_ratio) else "all flat"
     out.print(
-        f"{literal(proxies.name)}: {len(proxies.capsules)} capsules on {len(proxies.parts)} of {len(proxies.links)} "
+        f"{proxies.name}: {len(proxies.capsules)} capsules on {len(proxies.parts)} of {len(proxies.links)} "
         f"links, {ratio}, nothing more than {1000 * proxies.uncovered:.1f} mm outside"
     )
     if proxies.body is not None:
-        out.print(f"as a body of our 22 joints: {literal(proxies.body.source)}")
+        out.print(f"as a body of our 22 joints: {proxies.body.source}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import complain, doubt, literal, out
+from scenectl.console.console import complain, doubt, out
 from scenectl.console.options import AllowCode, allow
 from scenes.errors import UserError
 
@@ -36,7 +36,7 @@ def check(
             complain(str(error))
             wrong += 1
             continue
-        out.print(literal(f"{path}: {line}"))
+        out.print(f"{path}: {line}")
         doubt(doubts)
     if wrong:
         raise typer.Exit(2)

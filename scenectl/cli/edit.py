@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import bars, doubt, err, literal, note, out
+from scenectl.console.console import bars, doubt, err, note, out
 from scenectl.console.options import (
     GENERATOR,
     AllowCode,
@@ -86,11 +86,11 @@ def edit(
     result.report["edit"]["motion"] = str(motion)
     result.save(output, preview=False)
     pictured = preview and drawn(result, output / "preview.png")
-    err.print(literal(f"weights: {maker.licence}"))
+    err.print(f"weights: {maker.licence}")
     show_samples(result)
     doubt(result.report["scene"]["doubts"])
     files = f"motion.npz, report.json{' and preview.png' if pictured else ''}"
-    out.print(literal(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote {files} in {output}"))
+    out.print(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote {files} in {output}")
     leave(result, allow_unmet)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.console.console import literal, out, table as columns
+from scenectl.console.console import out, table as columns
 
 if TYPE_CHECKING:
     from scenectl.tasks.keys import Table
@@ -24,9 +24,10 @@ def help(
         case ["task", name]:
             _tell_keys(name)
         case names:
-            from scenectl.cli.root import app  # which lists this command
+            from scenectl.cli import COMMANDS
+            from scenectl.cli.root import commands  # which lists this command
 
-            app([*names, "--help"], prog_name="scenectl")
+            commands(*COMMANDS)([*names, "--help"], prog_name="scenectl")
 
 
 def _tell_tables() -> None:
@@ -37,7 +38,7 @@ def _tell_tables() -> None:
     out.print()
     lines = columns("table", "meaning")
     for each in others:
-        lines.add_row(literal(f"[{each.name}]"), literal(each.summary))
+        lines.add_row(f"[{each.name}]", each.summary)
     out.print(lines)
     out.print("\nscenectl help task TABLE shows the keys of one.")
 
@@ -46,14 +47,14 @@ def _tell_keys(name: str) -> None:
     from scenectl.tasks.keys import table
 
     told = table(name)
-    out.print(literal(f"[{told.name}]: {told.summary}\n"))
+    out.print(f"[{told.name}]: {told.summary}\n")
     _tell(told)
 
 
 def _tell(told: Table) -> None:
     lines = columns("key", "type", "default", "unit", "meaning")
     for key in told.keys:
-        lines.add_row(*map(literal, (key.name, key.type, key.default, key.unit, key.meaning)))
+        lines.add_row(key.name, key.type, key.default, key.unit, key.meaning)
     out.print(lines)
     if told.more:
-        out.print(literal(f"({told.more})"))
+        out.print(f"({told.more})")

@@ -6,20 +6,23 @@ from typing import Annotated
 
 import typer
 
-from scenectl.cli import COMMANDS
 from scenectl.console.lazy import group
 from scenectl.version import __version__
 
-app = typer.Typer(
-    cls=group("scenectl.cli", *COMMANDS),
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    help="A room, a sentence and goals in; a human motion that meets them out.",
-)
+
+def commands(*names: str) -> typer.Typer:
+    """The group of commands that are files of this folder, listed in this order."""
+    app = typer.Typer(
+        cls=group("scenectl.cli", *names),
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        help="A room, a sentence and goals in; a human motion that meets them out.",
+    )
+    app.callback(invoke_without_command=True)(_root)
+    return app
 
 
-@app.callback(invoke_without_command=True)
 def _root(version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False) -> None:
     if version:
         typer.echo(__version__)

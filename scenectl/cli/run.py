@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from scenectl.cli.clock import importing, since_start, told
-from scenectl.console.console import bars, doubt, literal, out
+from scenectl.console.console import bars, doubt, out
 from scenectl.console.options import AllowCode, AllowUnmet, TaskFile, allow
 from scenectl.console.results import drawn, leave, show_samples
 
@@ -56,7 +56,7 @@ def run(
         pictured = preview and drawn(result, output / "preview.png")
         laps["preview"] = time.perf_counter() - begin
     maker = result.report["generator"]
-    out.print(literal(f"weights '{maker['weights']}': {maker['licence']}"))
+    out.print(f"weights '{maker['weights']}': {maker['licence']}")
     show_samples(result)
     doubt(result.report["scene"]["doubts"])
     out.print(f"wrote motion.npz{', report.json and preview.png' if pictured else ' and report.json'} in {output}")

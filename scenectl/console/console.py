@@ -32,11 +32,6 @@ out = _Plain(width=None if sys.stdout.isatty() else 160)
 err = _Plain(stderr=True)
 
 
-def literal(text: str) -> str:
-    """The text: consoles print no markup."""
-    return text
-
-
 def titled(title: str, text: str) -> Text:
     """A title in bold, and text behind it."""
     return Text.assemble((visible(title), "bold"), visible(text))
@@ -64,24 +59,24 @@ def bars() -> Iterator[Tell]:
 
 def say(what: str, done: float) -> None:
     """A line for each thing that is done, where what is done draws a bar of its own."""
-    err.print(literal(f"{done:4.0%} {what}"))
+    err.print(f"{done:4.0%} {what}")
 
 
 def doubt(sentences: Iterable[str]) -> None:
     """What may be wrong with the input, a line each, on standard error: results stay as they are."""
     for sentence in sentences:
-        err.print(literal(f"scenectl: in doubt: {sentence}"))
+        err.print(f"scenectl: in doubt: {sentence}")
 
 
 def complain(sentence: str) -> None:
     """What is wrong with the input, in a line on standard error."""
-    err.print("scenectl: " + literal(" ".join(sentence.split())))
+    err.print("scenectl: " + " ".join(sentence.split()))
 
 
 def note(sentences: Iterable[str]) -> None:
     """What was decided about the input, a line each, on standard error."""
     for sentence in sentences:
-        err.print(literal(f"scenectl: {sentence}"))
+        err.print(f"scenectl: {sentence}")
 
 
 def table(*headings: str) -> Table:
@@ -120,7 +115,7 @@ def _print_summary(summary: Mapping[str, Any], indent: str) -> None:
             out.print(f"{indent}{key}:")
             _print_summary(value, indent + "  ")
         else:
-            out.print(literal(f"{indent}{key}: {cell(value)}"))
+            out.print(f"{indent}{key}: {cell(value)}")
 
 
 def _scalar(value: Any) -> bool:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from scenectl.console.console import err, literal, out, table
+from scenectl.console.console import err, out, table
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,14 +38,14 @@ def show_samples(result: Result) -> None:
     out.print(lines)
     wrong = [(rank, row) for rank, row in enumerate(result.samples) if not row.good]
     for rank, row in wrong[:_TOLD]:
-        out.print(literal(f"sample {rank} is {_wrong(row)}"))
+        out.print(f"sample {rank} is {_wrong(row)}")
     if len(wrong) > _TOLD:
         out.print(f"and {len(wrong) - _TOLD} more, of which report.json tells")
     best = result.samples[0]
     if best.terms or best.verdict.exempted:
         out.print("the goals of sample 0:")
     for said in (*(term.sentence() for term in best.terms), *best.verdict.exempted):
-        out.print("  " + literal(said))
+        out.print("  " + said)
 
 
 def _met(row: Sample) -> str:
@@ -67,7 +67,7 @@ def drawn(result: Result, png: Path) -> bool:
         draw(result, png)
     except (UserError, OSError, MemoryError) as error:
         why = str(error).removeprefix(f"cannot write '{png}': ") or "there is not enough memory"
-        err.print(literal(f"scenectl: no {png.name}, because {why}"))
+        err.print(f"scenectl: no {png.name}, because {why}")
         return False
     return True
 

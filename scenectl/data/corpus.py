@@ -104,11 +104,15 @@ def _positions(path: Path) -> dict[str, np.ndarray]:
     for i, key in enumerate(ids):
         joints = np.cumsum(delta[ends[i] : ends[i + 1]].astype(np.int32), axis=0) * quantum
         joints[:, 1:] += joints[:, :1]
+        if not np.isfinite(joints).all():
+            raise ValueError(f"clip {key} holds numbers that are not finite")
         out[key] = joints.astype(np.float32)
     return out
 
 
 def _clip(row: dict[str, object], joints: np.ndarray) -> Clip:
+    if not isinstance(row["commercial_ok"], bool):  # "false" is true to Python
+        raise ValueError(f"commercial_ok of clip {row['id']} is {row['commercial_ok']!r}, neither true nor false")
     seconds = joints.shape[0] / FPS
     captions = [c for c in row["captions"] if _describes_all(c, seconds)]  # type: ignore[attr-defined]
     return Clip(

@@ -21,6 +21,9 @@ from scenectl.data.features import FEATURES, FPS
 from scenes.errors import UserError, did_you_mean
 from scenes.files import read_array, reading
 
+_LONGEST = 1e6
+"""Seconds of a caption at most, whatever is written: more than eleven days."""
+
 SPLITS = ("train", "val", "test")
 LICENCE = "HumanML3D (MIT) on AMASS (non-commercial research)"
 
@@ -165,7 +168,7 @@ def _caption(line: str, where: str) -> Caption:
         raise UserError(f"{where}: start and end must be seconds, found '{fields[2]}' and '{fields[3]}'") from error
     # the data set writes nan for "not stated"
     start, end = (0.0 if math.isnan(value) else value for value in (start, end))
-    if start < 0 or end < 0 or math.isinf(start + end):
+    if not (0 <= start <= _LONGEST and 0 <= end <= _LONGEST):
         raise UserError(f"{where}: start and end must be seconds from 0, found {start:g} and {end:g}")
     return Caption(fields[0].strip(), tuple(fields[1].split()), start, end)
 

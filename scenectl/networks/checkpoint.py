@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,6 +14,7 @@ from pydantic import ValidationError
 from safetensors import safe_open
 from safetensors.torch import save
 from torch import nn
+from torch.overrides import TorchFunctionMode
 
 from scenes.errors import UserError
 from scenes.files import atomic_write
@@ -64,36 +66,60 @@ def load_network(path: Path, build: Callable[[Any], M], what: str) -> M:
     Raises:
         UserError: weights are missing, damaged, or of another network.
     """
-    network = untrained(path, lambda: build(read_about(path)["config"]), what)
+    about = read_about(path)
+    network = untrained(path, lambda: build(about["config"]), what)
     load_weights(network, path)
     return network.eval().requires_grad_(False)
 
 
 def untrained(path: Path, build: Callable[[], M], what: str) -> M:
-    """A network as it is built, whose shapes are those in a file: they are compared before it takes memory.
+    """A network as it is built, which may take no more memory than a file of its size accounts for.
 
     Args:
-        path: file of the weights.
+        path: file of the weights, whose shapes `load_weights` compares.
         build: the network of the configuration that stands with them.
         what: the network, in words.
 
     Raises:
-        UserError: the configuration describes no such network, or one of other shapes.
+        UserError: the configuration describes no such network, or a larger one.
     """
+    with _opened(path) as file:
+        stored = sum(math.prod(file.get_slice(name).get_shape()) for name in file.keys())  # noqa: SIM118 - not a dict
     try:
-        with torch.device("meta"):
-            shapes = {name: list(tensor.shape) for name, tensor in build().state_dict().items()}
+        with _Budget(2 * stored + 1_000_000):
+            return build()
     except UserError:
         raise
+    except _Larger as error:
+        raise UserError(f"weights '{path}' belong to a network of another shape; check its config") from error
     except Exception as error:  # what networks raise for sizes that cannot be is anything
         reason = sentence(error, None, None) if isinstance(error, ValidationError) else _first_line(error)
         raise UserError(
             f"weights '{path}' describe no {what} ({reason}); train it again or name another folder"
         ) from error
-    with _opened(path) as file:
-        if {name: file.get_slice(name).get_shape() for name in file.keys()} != shapes:  # noqa: SIM118 - not a dict
-            raise UserError(f"weights '{path}' belong to a network of another shape; check its config")
-    return build()
+
+
+class _Larger(Exception):
+    """A network asks for more than its budget."""
+
+
+class _Budget(TorchFunctionMode):
+    """Within the block, tensors made of sizes may hold so many numbers in all."""
+
+    def __init__(self, left: int) -> None:
+        super().__init__()
+        self.left = left
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func in _MADE_OF_SIZES:
+            sizes = args[0] if args and isinstance(args[0], Sequence) else args
+            self.left -= math.prod(sizes) if func is not torch.eye else sizes[0] ** 2
+            if self.left < 0:
+                raise _Larger
+        return func(*args, **(kwargs or {}))
+
+
+_MADE_OF_SIZES = (torch.empty, torch.zeros, torch.ones, torch.randn, torch.rand, torch.eye)
 
 
 def load_weights(module: nn.Module, path: str | Path) -> None:

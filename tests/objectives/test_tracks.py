@@ -71,7 +71,13 @@ def test_bad_tracks_are_one_sentence(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", poses=np.zeros((5, 3)))
     (tmp_path / "text.npy").write_text("hello")
     np.save(tmp_path / "object.npy", np.array([{}], dtype=object), allow_pickle=True)
+    np.save(tmp_path / "complex.npy", np.zeros((5, 3), complex))
+    np.savez(tmp_path / "mask.npz", positions=np.zeros((5, 3)), mask=np.array(["yes"] * 5))
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "mask.npz").read_bytes()[:300])
     cases: list[tuple[dict[str, Any], str]] = [
+        ({"kind": "array", "file": "complex.npy"}, "must hold numbers"),
+        ({"kind": "array", "file": "mask.npz"}, "has a mask of <U3"),
+        ({"kind": "array", "file": "cut.npz"}, "is not an .npy or .npz file of numbers"),
         ({"kind": "array", "file": "none.npy"}, "does not exist"),
         ({"kind": "array", "file": "flat.npy"}, r"shape \[T, 3\] or \[T, n, 3\], not \(5, 2\)"),
         ({"kind": "array", "file": "other.npz"}, "no array 'positions' or 'joints', it holds poses"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scenectl.bench.commands.shared import measured, shown, wrote
-from scenectl.console.console import cell, literal, out
+from scenectl.console.console import cell, out
 from scenectl.console.options import DATA, Data, Generators, Json, Seed, Threads, Weights
 from scenes.errors import UserError
 
@@ -55,12 +55,12 @@ def _show(result: Mapping[str, Any], json_file: Path | None) -> None:
     evaluator, clips, several = result["evaluator"], result["clips"], {"": result["kinds"]}
     if isinstance(evaluator, dict):  # by generator
         (evaluator, *_), (clips, *_), several = evaluator.values(), clips.values(), result["kinds"]
-    out.print(literal(f"evaluator: {evaluator}; {clips} test clips; never beside published figures"))
+    out.print(f"evaluator: {evaluator}; {clips} test clips; never beside published figures")
     shown(result, json_file)
     for name, kinds in several.items():
         recall = kinds["generated"]["recall"]
         shares = ", ".join(f"{kind} {cell(share)}" for kind, share in recall.items())
-        out.print(literal(f"recall by kind{name and f' of {name}'}: {shares}"))
+        out.print(f"recall by kind{name and f' of {name}'}: {shares}")
 
 
 def _write_page(result: Mapping[str, Any], weights: str, plot_file: Path | None, page: Path) -> None:

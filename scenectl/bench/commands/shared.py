@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenectl.console.console import bars, err, literal, out, show
+from scenectl.console.console import bars, err, out, show
 from scenectl.console.options import GENERATOR
 from scenectl.threads import threads
 from scenes.errors import UserError
@@ -91,5 +91,5 @@ def loaded(name: str, weights: str | Path) -> Any:
     from scenectl.generators import load_generator
 
     generator = load_generator(name, weights)
-    err.print(literal(f"weights '{weights}': {generator.licence}"))
+    err.print(f"weights '{weights}': {generator.licence}")
     return generator

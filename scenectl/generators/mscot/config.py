@@ -13,8 +13,7 @@ BASE_SCALES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16)
 
 Width = Annotated[int, Field(ge=1, le=2**14)]
 Count = Annotated[int, Field(ge=1, le=256)]
-"""Bounded, as a configuration comes from a file: what it describes is laid out, which takes time and no memory, before
-it is compared with the shapes in the file."""
+"""Bounded, as a configuration comes from a file; what memory it may take is decided by the size of that file."""
 
 
 def _growing(scales: tuple[int, ...]) -> tuple[int, ...]:

@@ -142,6 +142,8 @@ def test_damage_is_answered_in_a_sentence(tmp_path: Path) -> None:
         ("clips.jsonl", whole["clips.jsonl"].replace(b'"clip0"', b'"other"')),
         ("clips.jsonl", whole["clips.jsonl"].replace(b'"captions": [', b'"captions": 3, "was": [')),
         ("clips.jsonl", whole["clips.jsonl"].replace(b'"split"', b'"part"')),
+        ("clips.jsonl", b"[" * 100_000),
+        ("clips.jsonl", whole["clips.jsonl"].replace(b'"commercial_ok": true', b'"commercial_ok": "false"')),
     ]
     for name, content in cases:
         for file, original in whole.items():

@@ -132,3 +132,29 @@ def test_bad_folders_are_named(folder: Path, tmp_path: Path) -> None:
         list(data.clips("val"))
     with pytest.raises(UserError, match="for any of the ids"):
         list(data.clips("test"))
+
+
+def test_files_that_are_no_text_are_named(folder: Path) -> None:
+    (folder / "train.txt").write_bytes(b"000001\n\xff\xfe\n")
+    with pytest.raises(UserError, match=r"list of ids '.*train.txt' cannot be read"):
+        HumanML3D(folder).ids("train")
+    (folder / "texts" / "000001.txt").write_bytes(b"\xff\xfe")
+    with pytest.raises(UserError, match=r"caption file '.*000001.txt' cannot be read"):
+        read_captions(folder / "texts" / "000001.txt")
+    (folder / "texts" / "000001.txt").unlink()
+    (folder / "texts" / "000001.txt").mkdir()
+    with pytest.raises(UserError, match="cannot be read"):
+        read_captions(folder / "texts" / "000001.txt")
+
+
+@pytest.mark.parametrize(("start", "end"), [("1e308", "0.0"), ("0.0", "inf"), ("1e308", "1e308"), ("-inf", "3")])
+def test_times_beyond_reason_are_named(start: str, end: str, tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(f"a person walks.#a/DET#{start}#{end}\n")
+    with pytest.raises(UserError, match="must be seconds"):
+        read_captions(tmp_path / "a.txt")
+
+
+def test_numbers_too_large_for_features_are_named(folder: Path) -> None:
+    np.save(folder / "new_joint_vecs" / "000001.npy", np.full((120, 263), 1e300))
+    with pytest.raises(UserError, match="not finite"):
+        list(HumanML3D(folder).clips("train"))

@@ -250,3 +250,14 @@ def test_the_command_that_errors_name_makes_the_list_of_words(copy: Path) -> Non
     (copy / "our_vab_idx.pkl").write_bytes(pickle.dumps(shuffled))
     subprocess.run([sys.executable, *shlex.split(CONVERT)[1:]], cwd=copy, check=True)
     assert Vocabulary.read(copy).rows == {word: i for i, word in enumerate(WORDS)}
+
+
+@pytest.mark.parametrize("name", ["finest.tar", "t2m_mean.npy", "t2m_std.npy", "our_vab_data.npy", "our_vab_words.txt"])
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"\xff\xfe\x80", b"\x80\x02c__builtin__\neval\n", None])
+def test_whatever_is_wrong_with_a_file_is_one_sentence(name: str, content: bytes | None, copy: Path) -> None:
+    whole = (copy / name).read_bytes()
+    (copy / name).unlink()
+    (copy / name).write_bytes(whole[: len(whole) // 2] if content is None else content)
+    with pytest.raises(UserError) as error:
+        load_evaluator("guo", copy)
+    assert "\n" not in str(error.value) and name in str(error.value)
