@@ -126,7 +126,7 @@ def test_unknown_recipes_name_the_nearest(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="did you mean 'compact'"):
         load_recipe("compcat", MSCoTRecipe)
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UserError, match="not valid TOML"):
+    with pytest.raises(UserError, match="UTF-8 text"):
         load_recipe(tmp_path / "binary.toml", MSCoTRecipe)
 
 
