@@ -21,6 +21,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, WithJsonSchema, model_v
 from torch import Tensor
 
 from objectives.parameters import File, Point, Positive
+from scenes.archive import load_npy, load_npz
 from scenes.errors import UserError, clipped
 from scenes.files import readable
 from scenes.motion.frames import Place
@@ -251,18 +252,17 @@ class ArrayTrack(TrackBase):
 def _read(path: Path, mask: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
     readable(path, "track file")
     try:
-        loaded = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            return loaded, mask
-        with loaded:
-            key = next((k for k in ("positions", "joints") if k in loaded.files), None)
-            if key is not None:
-                return loaded[key], loaded["mask"] if mask is None and "mask" in loaded.files else mask
-            names = ", ".join(loaded.files) or "nothing"
-    except Exception as error:  # numpy and zipfile raise many kinds; all mean the same to a user
+        if path.suffix.lower() == ".npy":
+            return load_npy(path), mask
+        loaded = load_npz(path)
+    except (OSError, ValueError) as error:
         raise UserError(
             f"track file '{path}' is not an .npy or .npz file of numbers ({clipped(str(error), 120)})"
         ) from error
+    key = next((k for k in ("positions", "joints") if k in loaded), None)
+    if key is not None:
+        return loaded[key], loaded.get("mask") if mask is None else mask
+    names = ", ".join(loaded) or "nothing"
     raise UserError(f"track file '{path}' has no array 'positions' or 'joints', it holds {names}")
 
 

@@ -52,7 +52,9 @@ def read_about(path: str | Path) -> dict[str, Any]:
             about: dict[str, Any] = dict(json.loads((file.metadata() or {})[_KIND]))
             return about
     except Exception as error:  # of many kinds; all mean the same to a user
-        raise UserError(f"weights '{path}' are not a scenectl checkpoint or are damaged ({error})") from error
+        raise UserError(
+            f"weights '{path}' are not a scenectl checkpoint or are damaged ({_first_line(error)})"
+        ) from error
 
 
 def load_network(path: Path, build: Callable[[Any], M], what: str) -> M:

@@ -17,6 +17,7 @@ from typing import Generic, TypeVar
 import numpy as np
 import torch
 
+from scenes.archive import load_npz
 from scenes.errors import Remark, UserError
 from scenes.files import atomic_write, sweep, unreadable
 from scenes.mesh.mesh import Mesh
@@ -26,7 +27,7 @@ from scenes.sdf.distances import Soup, unsigned
 from scenes.sdf.doubts import doubts_about
 from scenes.sdf.free_space import Sides, decide
 from scenes.sdf.grid import SdfGrid
-from scenes.sdf.lattice import Lattice
+from scenes.sdf.lattice import LARGEST, Lattice
 from scenes.sdf.settings import BakeSettings, Cache, FreeSpace
 from scenes.sdf.signs import Signs, sign
 from scenes.sdf.thin import thin_doubts
@@ -200,20 +201,20 @@ def _load(path: Path, key: str, kind: type[Grid]) -> Bake[Grid] | None:
     if unreadable(path):
         return None
     try:
-        with np.load(path, allow_pickle=False) as data:  # reading an array checks its CRC
-            facts = {name: data[name] for name in _KINDS}
-            if {name: fact.dtype.kind for name, fact in facts.items()} != _KINDS or str(facts["key"]) != key:
-                return None
-            grid, confidence = kind.from_arrays(data), facts["confidence"]
-            if confidence.size and confidence.shape != grid.shape:
-                return None
-            return Bake(
-                grid,
-                rule=str(facts["rule"]),
-                signs=Signs(str(facts["kind"]), int(facts["boundary_edges"]), confidence if confidence.size else None),
-                inward=bool(facts["inward"]),
-                message=str(facts["message"]),
-                doubts=tuple(str(doubt) for doubt in facts["doubts"]),
-            )
+        data = load_npz(path, most_bytes=5 * LARGEST)  # a distance and its confidence; reading checks CRCs
+        facts = {name: data[name] for name in _KINDS}
+        if {name: fact.dtype.kind for name, fact in facts.items()} != _KINDS or str(facts["key"]) != key:
+            return None
+        grid, confidence = kind.from_arrays(data), facts["confidence"]
+        if confidence.size and confidence.shape != grid.shape:
+            return None
+        return Bake(
+            grid,
+            rule=str(facts["rule"]),
+            signs=Signs(str(facts["kind"]), int(facts["boundary_edges"]), confidence if confidence.size else None),
+            inward=bool(facts["inward"]),
+            message=str(facts["message"]),
+            doubts=tuple(str(doubt) for doubt in facts["doubts"]),
+        )
     except Exception:  # zipfile, numpy and our own checks raise many kinds; all mean "bake it again"
         return None

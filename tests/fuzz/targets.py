@@ -318,9 +318,9 @@ def npz(name: str, arrays: Callable[[], dict[str, np.ndarray]]) -> Callable[[Ran
 
 
 def read_motion(path: Path) -> None:
-    from scenectl.pipeline.results import load_sample
+    from scenectl.data.formats.motions import read_motion
 
-    load_sample(path)
+    read_motion(path)
 
 
 def read_grid(path: Path) -> None:
@@ -361,7 +361,7 @@ def write_bvh(rng: Random, folder: Path) -> Path:
 
 
 def read_bvh(path: Path) -> None:
-    from scenectl.export.bvh import load_bvh
+    from scenectl.data.formats.bvh import load_bvh
 
     load_bvh(path)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
+
+from scenes.tables import Table
 
 BASE_SCALES = (1, 2, 3, 4, 5, 6, 8, 10, 13, 16)
 """Tokens at each scale for 64 frames (MSCoT, appendix B.2)."""
@@ -25,10 +27,8 @@ def _growing(scales: tuple[int, ...]) -> tuple[int, ...]:
 Scales = Annotated[tuple[Count, ...], Field(min_length=1, max_length=64), AfterValidator(_growing)]
 
 
-class _Attentive(BaseModel):
+class _Attentive(Table):
     """Width and heads of a network whose tokens attend to one another, at places that sinusoids tell."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     width: Width
     heads: Count
@@ -40,7 +40,7 @@ class _Attentive(BaseModel):
         return self
 
 
-class TokenizerConfig(BaseModel):
+class TokenizerConfig(Table):
     """Multi-scale VQ-VAE.
 
     Attributes:
@@ -54,8 +54,6 @@ class TokenizerConfig(BaseModel):
         normalised: l2-normalise codes (Prop. 1's remark) with one learned gain per scale.
         down: how residuals are brought to a coarser scale.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     width: Width = 512
     depth: Annotated[int, Field(ge=0, le=8)] = 3
@@ -101,10 +99,8 @@ class RefinerConfig(_Attentive):
     kind: Literal["transformer", "mlp"] = "transformer"
 
 
-class ModelConfig(BaseModel):
+class ModelConfig(Table):
     """All three networks and the text encoder they were trained with."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str
     text: str = "minilm"
