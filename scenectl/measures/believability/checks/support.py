@@ -43,4 +43,4 @@ def support(evidence: Evidence, near: float) -> list[str]:
     return [str(word) for word in np.where(left & right, "both", told)]
 
 
-CHECKS = (held_by_nothing(0.5, 0.99), held_by_nothing(3.0, 0.99))
+CHECKS = (held_by_nothing(0.5, 0.995), held_by_nothing(3.0, 0.99))
