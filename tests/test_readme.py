@@ -16,7 +16,7 @@ import typer
 
 from objectives import forget
 from scenectl.cli import COMMANDS
-from scenectl.cli.root import commands
+from scenectl.cli.root import commands as group
 from scenectl.tasks.task import Task, load_task
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -131,7 +131,7 @@ def test_python_runs(index: int, folder: Path) -> None:
 
 def described() -> Iterator[tuple[Any, list[str]]]:
     """Each command line's command, and what it is given."""
-    root: Any = typer.main.get_command(commands(*COMMANDS))  # of the click that comes with typer
+    root: Any = typer.main.get_command(group(*COMMANDS))  # of the click that comes with typer
     for words in commands():
         command, rest = root, words
         while hasattr(command, "get_command") and rest and not rest[0].startswith("-"):
