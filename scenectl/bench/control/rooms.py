@@ -18,7 +18,6 @@ from scenectl.bench.scenes.meshes import FACINGS, faced
 from scenectl.control import SolverSettings
 from scenectl.generators.base import Generator
 from scenectl.measures import metrics
-from scenectl.measures.believability.judge import Judge
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
 from scenectl.tasks.schema import Spot, Start, Walk
@@ -94,8 +93,7 @@ def bench_rooms(
         meshes: scans or models in metres, y up; the bundled scenes `FALLBACK` where none is given.
         tasks: walks in each room.
         seed: of starts, targets and motions.
-        samples: motions made for each task, of which the first-ranked is scored; refinement ends by default as
-            soon as one of them meets all goals.
+        samples: motions made for each task, of which the first-ranked is scored.
         radius: clearance (m) of starts, targets and paths.
         solver: instead of the default.
         facings: of `meshes.FACINGS`, in each of which every mesh file is walked through; as it is by default.
@@ -108,7 +106,7 @@ def bench_rooms(
     Raises:
         UserError: an unreadable mesh, or a room with no space to walk.
     """
-    solver = solver or SolverSettings(enough=1)
+    solver = solver or SolverSettings()
     rooms: list[Room] = []
 
     def cases() -> Iterator[tuple[str, tuple[Room, int, Task]]]:
@@ -213,11 +211,10 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
     result = run(task, samples, seed, generator, setup=setup, scorer=room.scorer)
     motion, path = result.motion[0], setup.path
     assert path is not None
-    missed = _missed(motion, task.walk.to)
-    figures = result.samples[0].metrics
+    best = result.samples[0]
+    figures, missed = best.metrics, _missed(motion, task.walk.to)
     depth = max(float(figures[key] or 0.0) for key in ("deepest_penetration_m", "deepest_floor_penetration_m"))
     seconds = result.report["timing"]["generate_s"]
-    verdict = Judge(room.scorer, task.prompt).verdict(motion)
     return {
         "start": [float(path[0, 0]), float(path[0, 2])],
         "target": list(task.walk.to),
@@ -231,9 +228,9 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "shallow": depth <= SHALLOW,
         "quick": seconds <= QUICK,
         "stopped": _stopped(motion, room.scorer),
-        "believable": verdict.believable,
-        "sound": depth <= SHALLOW and verdict.believable,
-        "verdict": verdict.sentence,
+        "believable": best.believable,
+        "sound": depth <= SHALLOW and best.believable,
+        "verdict": best.verdict.sentence,
         "worst_bone_m": float(stretches(motion).abs().max()),
         "uncontrolled_worst_bone_m": float(stretches(free).abs().max()),
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
