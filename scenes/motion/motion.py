@@ -14,7 +14,7 @@ from torch import Tensor
 
 from scenes.archive import load_npz, npz_headers
 from scenes.errors import UserError
-from scenes.files import atomic_write
+from scenes.files import atomic_write, readable
 from scenes.motion.frames import HOME, Place, about_y, back, fine_enough, shifted
 from scenes.motion.rates import stride_of
 from scenes.motion.skeleton import HUMANML3D, Skeleton
@@ -177,10 +177,9 @@ class Motion:
 
         `scenectl.data.formats.load_motion` reads what others write.
         """
+        path = readable(path, "motion file")
         try:
             return cls.from_arrays(read_motion_arrays(path))
-        except FileNotFoundError:
-            raise UserError(f"motion file '{path}' does not exist") from None
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise UserError(

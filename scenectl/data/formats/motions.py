@@ -29,6 +29,7 @@ from scenectl.data.formats.people import check_legs, doubted_axis, doubted_legs,
 from scenectl.data.joint_names import DERIVED, listed, match_joints
 from scenes.archive import load_npy, npz_headers
 from scenes.errors import UserError
+from scenes.files import readable
 from scenes.motion.motion import MOST_BYTES, Motion, read_motion_arrays
 from scenes.motion.skeleton import HUMANML3D
 from scenes.motion.sound import check_shapes, check_valid
@@ -82,12 +83,8 @@ def read_motion(
         UserError: no such file, another layout, no frames a second from anybody, joints that are none of a person.
     """
     path = Path(path)
-    path = path / "motion.npz" if path.is_dir() else path
+    path = readable(path / "motion.npz" if path.is_dir() else path, "motion file")
     where, suffix = f"motion file '{path}'", path.suffix.lower()
-    if not path.exists():
-        raise UserError(f"{where} does not exist")
-    if not path.is_file():
-        raise UserError(f"{where} is no regular file")
     if suffix not in SUFFIXES:
         raise UserError(f"{where} ends with '{suffix}'; {', '.join(SUFFIXES)} are read")
     if suffix == ".bvh":
