@@ -42,8 +42,8 @@ def finite(value: Any, what: str) -> float:
     return float(value)
 
 
-def positive(value: Any, what: str) -> float:
-    """A size: a number above 0, from `NARROWEST` to `WIDEST`; raises UserError for anything else."""
-    if not NARROWEST <= (number := finite(value, what)) <= WIDEST:
-        raise UserError(f"{what} is {number:g}; give a positive number of metres, from {NARROWEST:g} to {WIDEST:g}")
+def positive(value: Any, what: str, least: float = NARROWEST) -> float:
+    """A size: a number above 0, from `least` to `WIDEST`; raises UserError for anything else."""
+    if not least <= (number := finite(value, what)) <= WIDEST:
+        raise UserError(f"{what} is {number:g}; give a positive number of metres, from {least:g} to {WIDEST:g}")
     return number

@@ -73,9 +73,9 @@ def _message(error: ErrorDetails) -> str:
     if kind in _WANTED:
         return f"input should be {_WANTED[kind]}"
     if kind == "too_long":
-        return f"it should have {facts['max_length']} entries at most, not {facts['actual_length']}"
+        return f"it should have at most {facts['max_length']} entries, not {facts['actual_length']}"
     if kind == "too_short":
-        return f"it should have {facts['min_length']} entries or more, not {facts['actual_length']}"
+        return f"it should have at least {facts['min_length']} entries, not {facts['actual_length']}"
     return error["msg"][:1].lower() + error["msg"][1:]
 
 

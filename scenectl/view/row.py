@@ -94,7 +94,7 @@ class _Row:
         """How far before people, as they are turned, the marks are (m, summed): what is behind them is hidden."""
         marked = [self._near(moment.frame) for moment in self.moments]
         near = [points - root for marks, root in zip(marked, self.roots, strict=True) for _, _, points in marks]
-        return sum(float((points @ turn[2]).sum()) for points in near)
+        return sum((float((points @ turn[2]).sum()) for points in near), 0.0)
 
     def _near(self, frame: int) -> list[tuple[Mark, bool, np.ndarray]]:
         """Marks near the person at a frame, whether their goals are met, and their points (m, world)."""

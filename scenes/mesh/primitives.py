@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.errors import UserError, did_you_mean, shown
+from scenes.errors import UserError, clipped, did_you_mean, shown
 from scenes.mesh.mesh import Mesh
 from scenes.motion.frames import about_y, shifted
 from scenes.motion.waypoints import Number, Vector, Waypoints, moment
@@ -29,7 +29,8 @@ def _motion(value: Any, what: str) -> Waypoints | None:
     if value is None or isinstance(value, Waypoints):
         return value
     if not isinstance(value, dict) or set(value) != {"times", "positions"}:
-        raise UserError(f"{what} is a table of exactly 'times' and 'positions', not {shown(value)}")
+        keys = f"one with {', '.join(repr(key) for key in value)}" if isinstance(value, dict) else shown(value)
+        raise UserError(f"{what} is a table of exactly 'times' and 'positions', not {clipped(keys)}")
     if not all(isinstance(entry, list | tuple) for entry in value.values()):
         raise UserError(f"the 'times' and 'positions' of a {what} are lists, not {shown(value)}")
     return Waypoints(**value)

@@ -27,6 +27,8 @@ from scenes.world.reach import Reach
 
 Times = tuple[Tensor, Tensor]
 
+FINEST = 1e-12
+"""The smallest tolerance (m) that may be asked for; double precision holds no finer place within 10 km."""
 BLUR = 0.75
 """Voxels by which a point of a grid's surface may be farther than the grid says, and still be nearest.
 
@@ -84,7 +86,7 @@ def closest_point(
         UserError: points that are not ``[*b, 3]``, a tolerance that is not positive, or no steps.
     """
     _check_vectors(points=points)
-    positive(tolerance, "tolerance")
+    positive(tolerance, "tolerance", FINEST)
     if steps < 1:
         raise UserError(f"closest_point was given {steps} steps; give 1 or more")
     shape, flat = points.shape[:-1], points.detach().reshape(-1, 3)
@@ -240,7 +242,7 @@ def march(
     """
     _check_vectors(origins=origins, directions=directions)
     positive(farthest, "farthest")
-    positive(tolerance, "tolerance")
+    positive(tolerance, "tolerance", FINEST)
     length = directions.detach().norm(dim=-1, keepdim=True)
     if bool((length == 0).any()):
         raise UserError("march was given a direction (0, 0, 0); give directions that point somewhere")
@@ -314,7 +316,7 @@ def swept_clearance(
         UserError: ends whose shapes differ or are not ``[*b, 3]``, or a tolerance that is not positive and finite.
     """
     _check_vectors(a0=a0, b0=b0, a1=a1, b1=b1)
-    positive(tolerance, "tolerance")
+    positive(tolerance, "tolerance", FINEST)
     batch = a0.shape[:-1]
     ends = torch.stack([a0, b0, a1, b1], dim=-2).reshape(-1, 4, 3)
     size = torch.as_tensor(radius).to(a0).expand(batch)

@@ -390,7 +390,7 @@ def read_weights(path: Path) -> None:
 
 def write_result(rng: Random, folder: Path) -> Path:
     """A folder of a result whose report is broken."""
-    from scenectl.pipeline.results import FORMAT
+    from scenectl.pipeline.tables import FORMAT
 
     np.savez(folder / "motion.npz", **{**motion_arrays(), "joints": motion_arrays()["joints"][None]})
     task = {"prompt": "a person walks", "seconds": 2.0, "scene": {}, "goals": [], "folder": None}

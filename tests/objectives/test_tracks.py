@@ -76,7 +76,7 @@ def test_bad_tracks_are_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "cut.npz").write_bytes((tmp_path / "mask.npz").read_bytes()[:300])
     cases: list[tuple[dict[str, Any], str]] = [
         ({"kind": "array", "file": "complex.npy"}, "must hold numbers"),
-        ({"kind": "array", "file": "mask.npz"}, "has a mask of <U3"),
+        ({"kind": "array", "file": "mask.npz"}, "has a mask of the type <U3"),
         ({"kind": "array", "file": "cut.npz"}, "is not an .npy or .npz file of numbers"),
         ({"kind": "array", "file": "none.npy"}, "does not exist"),
         ({"kind": "array", "file": "flat.npy"}, r"shape \[T, 3\] or \[T, n, 3\], not \(5, 2\)"),

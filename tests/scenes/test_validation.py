@@ -96,7 +96,7 @@ class House(Table):
         ({"file": 3}, "'file' is 3: input should be a path, as text"),
         ({"open": "maybe"}, "'open' is 'maybe': input should be true or false"),
         ({"count": 1.5}, "'count' is 1.5: input should be a whole number"),
-        ({"pair": [1, 2, 3]}, "'pair' is [1, 2, 3]: it should have 2 entries at most, not 3"),
+        ({"pair": [1, 2, 3]}, "'pair' is [1, 2, 3]: it should have at most 2 entries, not 3"),
         ({"spot": 5}, "'spot' is 5: input should be a list of numbers"),
         ({"size": "x" * 3000}, f"'size' is 'xxx{'x' * 73}...: input should be 'small' or 'large'"),
         ({"x" * 3000: 1}, f"unknown key '{'x' * 77}...'; known are"),

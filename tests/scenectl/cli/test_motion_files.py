@@ -77,14 +77,16 @@ def test_edit_brings_a_motion_to_the_generators_rate_and_keeps_the_task_of_a_res
     monkeypatch.setattr("scenectl.generators.load_generator", lambda *args, **kwargs: MSCoT(bundle()))
     np.save(tmp_path / "fast.npy", Motion(WALK).resampled(60.0).joints.numpy())
     words = ("--regenerate", "1-2", "--prompt", "someone sits", "--no-preview")
-    said = scenectl("edit", tmp_path / "fast.npy", "--fps", 60, *words, "--task", task, "-o", tmp_path / "one")
+    said = scenectl(
+        "edit", tmp_path / "fast.npy", "--fps", 60, *words, "--task", task, "-o", tmp_path / "one", "--allow-unmet"
+    )
     assert said.status == 0, said
     assert "60 fps, every 3. frame kept" in said.err and "head_height" in said.out
     kept = torch.ones(60, dtype=torch.bool)
     kept[20:40] = False
     made = Motion.load(tmp_path / "one" / "motion.npz").joints[0]
     torch.testing.assert_close(made[kept], WALK[kept], atol=1e-4, rtol=0)
-    said = scenectl("edit", tmp_path / "one", *words, "-o", tmp_path / "two")
+    said = scenectl("edit", tmp_path / "one", *words, "-o", tmp_path / "two", "--allow-unmet")
     assert said.status == 0 and "head_height" in said.out
     report = json.loads((tmp_path / "two" / "report.json").read_text())
     assert report["task"]["goals"][0]["use"] == "head_height" and report["prompt"] == "someone sits"

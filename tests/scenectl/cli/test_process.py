@@ -69,7 +69,7 @@ def interrupted(after: float, *words: object) -> tuple[int, str]:
     # As a terminal starts it: a shell that starts something behind its back lets it ignore interrupts.
     code = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from scenectl.cli.app import entry; "
+        "from scenectl.cli.app import entry, interrupts; interrupts.watch(); "
         "print('begun', file=sys.stderr, flush=True); entry()"
     )
     process = subprocess.Popen(

@@ -59,7 +59,7 @@ def tasks(o: Place) -> dict[str, dict[str, Any]]:
         "walk in a mesh": {
             "scene": mixed,
             "start": on(0, -1),
-            "walk": {"to": on(0.5, 1), "via": [on(-0.3, 0)]},
+            "walk": {"to": on(0.5, 1), "via": [on(-0.3, 0)], "stop": False},
             "goals": [{"use": "sdf_penetration", "margin": 0.03}, {"use": "foot_contact"}],
         },
         "keyframes, a free start": {

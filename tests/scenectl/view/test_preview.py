@@ -339,7 +339,7 @@ def test_results_show_what_their_reports_say(tiny: ModuleType, tmp_path: Path) -
     for picture in (of_result(result), of_folder(tmp_path)):
         assert picture.verdict is not None and picture.verdict.findings == (finding,)
         (report,) = picture.reports
-        assert report == replace(result.samples[0].terms[0], cost=float("inf"))
+        assert report == replace(result.samples[0].terms[0], cost=float("inf"), series=())
         assert {about for moment in picture.moments(None) for about in moment.about} == {"speed", report.name}
     del row["verdict"]
     assert of_result(result).verdict is None

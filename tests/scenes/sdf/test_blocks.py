@@ -228,7 +228,7 @@ def test_scenes_of_a_stated_spacing(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ({"spacing": 0.0}, "spacing is 0"),
         ({"spacing": float("nan")}, "spacing is nan"),
-        ({"spacing": 1e-6}, "GB without its details; give"),
+        ({"spacing": 1e-4}, "GB without its details; give"),
         ({"spacing": 0.1, "tolerance": 2.0}, "tolerance is 2.0; give 0 to 1"),
         ({"spacing": 0.1, "free_space": "insid"}, "unknown free-space rule"),
     ],

@@ -36,7 +36,7 @@ def test_a_folder_stands_for_the_file_in_it(shared: Path) -> None:
     ("content", "reason"),
     [
         ("{", "not readable JSON"),
-        ("[]", r"valid dictionary.*not \[\]"),
+        ("[]", r"should be a table, not \[\]"),
         (json.dumps({"hsi1": [], "n32": []}), "'hsi1' is .*at least 1"),
         (
             json.dumps({"hsi1": [{"caption": "a", "length": 40, "head_heights_m": [1, 2]}], "n32": []}),

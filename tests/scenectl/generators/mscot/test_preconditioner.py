@@ -134,7 +134,9 @@ def test_it_is_loaded_with_its_weights_and_not_missed_where_it_is_absent(folder:
 
 def test_another_models_metric_is_refused(folder: Path) -> None:
     path = folder / f"{METRIC}.safetensors"
-    save_weights(Preconditioner(16, len(SCALES)), path, {"config": {"name": "other"}})
+    other = bundle().config.model_dump(mode="json")
+    other["tokenizer"]["codes"] *= 2
+    save_weights(Preconditioner(16, len(SCALES)), path, {"config": other})
     with pytest.raises(UserError, match=r"belongs to another model; measure it anew"):
         load_bundle(described(folder))
     path.write_bytes(b"nonsense")
