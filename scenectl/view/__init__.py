@@ -59,7 +59,7 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     path = None if planned is None else np.array(planned["path"]) - origin
     seconds, walk = float(report["seconds"]), task.walk
     terms = () if walk is None or path is None else walk_terms(walk, path, seconds, motion.fps, task.terms)
-    goals = Objective((*terms, *task.terms))
+    goals = Objective((*terms, *task.terms, *task.avoided))
     return _judged(Picture(scene, one, path, goals, task.prompt, task.load_body()), report["samples"][sample])
 
 

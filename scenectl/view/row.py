@@ -26,8 +26,8 @@ _ABOVE = np.deg2rad(9.0)
 """Elevation of the camera: the floor shows, and heights can still be compared."""
 _GAP, _RADIUS = 0.12, 0.1
 """Metres between two people, and around their joints."""
-_LINES = 3
-"""Heights of letters over people that are left for labels."""
+_LINE = 1.35
+"""Heights of letters from one line of a label to the next; one more line is left over people for its edges."""
 _LOW = 0.25
 """Metres of floor in front of the feet."""
 _NEAR = 1.0
@@ -47,14 +47,15 @@ def draw_row(picture: Staging, moments: Sequence[Moment], size: tuple[int, int],
         clearance: colour bodies by their distance to the scene.
         height: of letters, pixels.
     """
-    row = _Row(picture, moments, size, _LINES * height)
+    wide = max(size[0] / len(moments) - height, 4 * height)
+    told = ["\n".join(cut(line, wide, font(height)) for line in picture.told(m).split("\n")) for m in moments]
+    lines = max(text.count("\n") + 1 for text in told)
+    row = _Row(picture, moments, size, round((lines + 1) * _LINE * height))
     stage = open_stage(size)
     row.set_up(stage)
     for k in range(len(moments)):
         row.draw(stage, k, clearance)
     heads = np.stack([pose[pose[:, 1].argmax()] + [0.0, 0.2, 0.0] for pose in row.poses])
-    wide = max(size[0] / len(moments) - height, 4 * height)
-    told = ["\n".join(cut(line, wide, font(height)) for line in picture.told(m).split("\n")) for m in moments]
     labels = [Label(text, (x, y)) for text, (x, y) in zip(told, row.pixels(heads).tolist(), strict=True)]
     joints = np.concatenate(row.poses)
     return Panel(shot(stage), labels, spots(row.pixels(joints), np.full(len(joints), _RADIUS * row.scale), size))
