@@ -17,11 +17,13 @@ from scenectl.measures.believability.limits import LIMITS
 from scenectl.measures.believability.verdict import Verdict
 from scenectl.measures.metrics import Scorer
 from scenes.body.body import DEFAULT_BODY
-from scenes.mesh.primitives import Box
+from scenes.mesh.primitives import Box, Sphere
 from scenes.motion.bones import rest_pose
 from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.waypoints import Waypoints
+from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene
 from tests.scenectl.small import walk
 
@@ -319,3 +321,15 @@ def test_skeleton_has_all_that_mass_needs() -> None:
     joints = stander(1).joints[0].numpy()
     stature = joints[:, 1].max() + 0.17  # from where the skull begins to the crown
     assert 0.53 < (weights @ joints)[1] / stature < 0.59  # 0.55 to 0.57 for adults
+
+
+def test_what_flies_through_a_person_between_two_frames_crosses() -> None:
+    motion = stander(10)
+    way = ((0.0, 1.0, -1.6), (0.0, 1.0, 1.6))
+    thing = MovingObject(Box((0.0, 0.0, 0.0), (0.3, 0.3, 0.3)), Trajectory((0.2, 0.25), way), name="crate")
+    ball = Sphere(way[0], 0.15, Waypoints((0.2, 0.25), way))
+    for scene in (Scene(objects=[thing], floor=0.0), Scene(primitives=[ball], floor=0.0)):
+        verdict = judged(motion, scene)
+        assert "crossing" in checks(verdict) and "penetration" not in checks(verdict)
+    beside = replace(thing, trajectory=thing.trajectory.moved((2.0, 0.0, 0.0)))
+    assert "crossing" not in checks(judged(motion, Scene(objects=[beside], floor=0.0)))
