@@ -95,8 +95,8 @@ def crossing(evidence: Evidence) -> Found | None:
     """How deep (m) the body is in obstacles on its way between two frames in neither of which it is.
 
     Joints go along cubic splines through the frames: a foot that swings over an edge does not cut it. A sample's room
-    changes by no more than the ways that it and things go, so halves of a way that may hold a depth of more than `SHALLOW` are
-    looked at until they are shorter than `STEP`.
+    changes by no more than the ways that it and things go, so halves of a way that may hold a depth of more than
+    `SHALLOW` are looked at until they are shorter than `STEP`.
     """
     given, scorer = evidence.given, evidence.scorer
     if given.frames < 2:
