@@ -79,7 +79,7 @@ def _says(clips: Sequence[Clip]) -> dict[str, float]:
 def _sound(clip: Clip) -> bool:
     """False for what was drawn by hand, has no floor that fits, or plays at another speed than it was captured at.
 
-    The last are CMU's salsa dances: `tempo`, fitted without them, takes them for 2.2 times as fast in the median of 22,
+    The last are CMU's salsa dances: `tempo`, fitted without them, takes them for 2.1 times as fast in the median of 22,
     and their median fastest turn is 850 degrees/s.
     """
     return clip.source != "mesh2motion" and not clip.id.startswith("salsa") and floor_known(clip)

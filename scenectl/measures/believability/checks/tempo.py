@@ -12,7 +12,7 @@ from scenectl.measures.believability.words import span
 WINDOW, LEAST = 2.0, 1.0
 """Seconds that are looked at at once, and the fewest."""
 TOGETHER = 5
-"""Windows on end that are averaged: 4 s."""
+"""Windows that are averaged, each a quarter later than the one before: 4 s where the body gets on all the time."""
 WALKS = 0.5
 """Mean speed of the pelvis over the ground (m/s) from which on there is a gait, which has a pace."""
 _PARTS = {
@@ -73,7 +73,7 @@ def rates(evidence: Evidence, weights: np.ndarray) -> np.ndarray:
 
 
 def seeming(evidence: Evidence, weights: np.ndarray) -> tuple[float, int, int] | None:
-    """The highest rate at which `TOGETHER` windows on end seem to be played, their first frame and their last (less 1).
+    """The highest rate at which `TOGETHER` of `windows` seem to be played, their first frame and the one after them.
 
     Their geometric mean: one window in a long dance is noisy. None where there is no gait.
     """
