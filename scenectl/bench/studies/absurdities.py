@@ -126,7 +126,7 @@ def tilted(motion: Motion, draw: torch.Generator) -> Made:
 
 
 ABSURDITIES = {
-    "lifted 5 cm": Absurdity(("unsupported_0.5s", "unsupported_3s"), lifted),
+    "lifted 5 cm": Absurdity(("unsupported_0.7s", "unsupported_3s"), lifted),
     "5 cm into a wall": Absurdity(("penetration",), into_wall),
     "twice the speed": Absurdity(("tempo", "speed", "joint_speed", "acceleration", "turning"), twice_as_fast),
     "a bone 10 cm longer": Absurdity(("bones",), longer_bone),

@@ -50,4 +50,4 @@ def _outside(points: np.ndarray, support: np.ndarray, holds: np.ndarray) -> np.n
     return vectors
 
 
-CHECKS = (Check("balance", "m", balance, share=0.995, explains=1, plainly=1.5),)
+CHECKS = (Check("balance", "m", balance, share=0.9925, explains=1),)

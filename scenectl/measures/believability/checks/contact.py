@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import torch
 
@@ -93,8 +95,8 @@ def crossing(evidence: Evidence) -> Found | None:
     """How deep (m) the body is in obstacles on its way between two frames in neither of which it is.
 
     Joints go along cubic splines through the frames: a foot that swings over an edge does not cut it. A sample's room
-    changes by no more than the way that it goes, so halves of a way that may hold a depth of more than `SHALLOW` are
-    looked at until they are shorter than `STEP`.
+    changes by no more than the ways that it and things go, so halves of a way that may hold a depth of more than
+    `SHALLOW` are looked at until they are shorter than `STEP`.
     """
     given, scorer = evidence.given, evidence.scorer
     if given.frames < 2:
@@ -144,8 +146,10 @@ class _Ways:
             self._pieces = 1
         self._places = scorer.points(joints)
         steps = np.linalg.norm(np.diff(self._places, axis=0), axis=-1)
+        times = given.t0 + np.arange(len(joints)) / (given.fps * self._pieces)
+        steps = steps + _things_go(scorer, times)[:, None]
         self.longest = self._pieces * steps.reshape(-1, self._pieces, steps.shape[1]).max(axis=1)
-        """Bound on the way (m) from each frame to the next, ``[T - 1, M]``."""
+        """Bound on the way (m) from each frame to the next beside what moves, ``[T - 1, M]``."""
 
     def at(self, frames: np.ndarray, samples: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Places ``[n, 3]`` (m) at shares of the ways from frames on."""
@@ -153,6 +157,19 @@ class _Ways:
         first = np.minimum(where.astype(int), len(self._places) - 2)
         a, b = self._places[first, samples], self._places[first + 1, samples]
         return a + (where - first)[:, None] * (b - a)
+
+
+def _things_go(scorer: Scorer, times: np.ndarray) -> np.ndarray:
+    """The longest way (m) of any point of what moves in the scene, between times (s) that follow each other."""
+    when, tracks = torch.from_numpy(times), []
+    for thing in scorer.scene.objects:
+        corners = torch.from_numpy(np.array(list(product(*thing.solid.bounds.T))))  # no point of it goes further
+        tracks.append(thing.world(corners[:, None].expand(-1, len(times), -1), when))
+    for shape in scorer.scene.primitives:
+        if (way := getattr(shape, "motion", None)) is not None:
+            tracks.append(way.at(when)[None])
+    ways = [torch.diff(track, dim=1).norm(dim=-1).amax(dim=0).numpy() for track in tracks]
+    return np.maximum.reduce([np.zeros(len(times) - 1), *ways])
 
 
 def beyond(evidence: Evidence) -> Found | None:

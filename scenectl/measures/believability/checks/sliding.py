@@ -50,4 +50,4 @@ def _at_rest(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
     return velocities[np.arange(len(slowest)), slowest], load**2
 
 
-CHECKS = (slides(0.5, 0.997), slides(2.0, 0.995))
+CHECKS = (slides(0.5, 0.995), slides(2.0, 0.985))

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from scenectl.bench.studies.absurdities import ABSURDITIES
-from scenectl.bench.studies.limits import MEASURED, bench_limits, played, write
+from scenectl.bench.studies.limits import MEASURED, _quantile, _says, bench_limits, played, write
 from scenectl.bench.studies.recordings import on_floor, recordings
 from scenectl.bench.studies.verdict import RECORDED, bench_verdict
 from scenectl.measures.believability.limits import Limits
@@ -36,6 +36,18 @@ def test_limits_are_quantiles_of_sound_recordings(tmp_path: Path) -> None:
     limits = Limits.read(tmp_path / "limits.json")
     assert limits.values == pytest.approx({name: row["limit"] for name, row in rows.items()}, rel=1e-3)
     assert len(limits.tempo) == 29 and limits.about["sources"]
+
+
+def test_many_clips_that_are_alike_do_not_outvote_others(tmp_path: Path) -> None:
+    clips = {f"a{i}": (walk(60), {"split": "train", "source": "many"}) for i in range(9)}
+    clips["b"] = walk(60), {"split": "train", "source": "few"}
+    says = _says(recordings(write_folder(tmp_path, clips), "train"))
+    assert says["few"] == pytest.approx(3 * says["many"])  # nine clips say three times as much as one
+    draw = np.random.default_rng(0)
+    values, counts = draw.normal(size=50), draw.integers(1, 9, size=50)
+    for share in (0.002, 0.3, 0.5, 0.98, 1.0):
+        expected = np.quantile(np.repeat(values, counts), share, method="inverted_cdf")
+        assert _quantile(values, counts / 7, share) == expected
 
 
 def test_what_lies_climbs_or_is_no_recording_is_left_out(tmp_path: Path) -> None:
