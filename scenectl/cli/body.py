@@ -27,6 +27,8 @@ def body(
 ) -> None:
     """Fit capsules to a character or a robot; without FILE, print the radii of our body and their source."""
     if file is None:
+        if json_file is not None or png is not None:
+            raise UserError("--json and --png keep what is fitted to a FILE; give a URDF or GLB file")
         from scenes.body.body import DEFAULT_BODY
 
         _show_body(DEFAULT_BODY)

@@ -37,7 +37,7 @@ def score(
     made = motion_read(motion, fps, unit, up)
     with bars() as progress:
         result = judge(made, loaded, progress)
-    show_samples(result)
+    show_samples(result, of_file=True)
     if json_file is not None:
         write_json(result.report, json_file, allow_nan=False)
     leave(result, allow_unmet)

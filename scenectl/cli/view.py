@@ -45,6 +45,8 @@ def view(
         picture = viewer.of_folder(path, sample)
     elif path.suffix.lower() in MOTIONS:
         picture = viewer.of_motion(one_of(motion_read(path, fps, unit, up), sample, path), path.name)
+    elif path.suffix.lower() == ".toml":
+        raise UserError(f"'{what}' is a task; make motions with scenectl run, and view their folder")
     elif fps is not None:
         raise UserError(f"--fps is for motions ({', '.join(MOTIONS)}), and '{what}' is a scene; leave it out")
     else:

@@ -19,15 +19,23 @@ _TOLD = 8
 """Samples at most of which it is said why they are not both."""
 
 
-def show_samples(result: Result) -> None:
-    """The samples in a table, in a line each what is wrong with them, and the best one's goals in sentences."""
-    lines = table("rank", "met", "believable", "cost", "deepest (mm)", "in the floor (mm)", "skating")
+def show_samples(result: Result, of_file: bool = False) -> None:
+    """The samples in a table, in a line each what is wrong with them, and the best one's goals in sentences.
+
+    They are called by their rank, which is their place in the file that is written; with `of_file`, where none is, by
+    their place in the file that was read.
+    """
+    names = [row.index if of_file else rank for rank, row in enumerate(result.samples)]
+    lines = table(
+        "rank", *["sample"] * of_file, "met", "believable", "cost", "deepest (mm)", "in the floor (mm)", "skating"
+    )
     for rank, row in enumerate(result.samples):
         deep, floor, skating = (
             row.metrics[key] for key in ("deepest_penetration_m", "deepest_floor_penetration_m", "skating_ratio")
         )
         lines.add_row(
             str(rank),
+            *[str(row.index)] * of_file,
             _met(row),
             "yes" if row.believable else "no",
             f"{row.cost:.4g}",
@@ -36,14 +44,14 @@ def show_samples(result: Result) -> None:
             f"{float(skating or 0):.2f}",
         )
     out.print(lines)
-    wrong = [(rank, row) for rank, row in enumerate(result.samples) if not row.good]
-    for rank, row in wrong[:_TOLD]:
-        out.print(f"sample {rank} is {_wrong(row)}")
+    wrong = [(name, row) for name, row in zip(names, result.samples, strict=True) if not row.good]
+    for name, row in wrong[:_TOLD]:
+        out.print(f"sample {name} is {_wrong(row)}")
     if len(wrong) > _TOLD:
         out.print(f"and {len(wrong) - _TOLD} more, of which report.json tells")
     best = result.samples[0]
     if best.terms or best.verdict.exempted:
-        out.print("the goals of sample 0:")
+        out.print(f"the goals of sample {names[0]}:")
     for said in (*(term.sentence() for term in best.terms), *best.verdict.exempted):
         out.print("  " + said)
 

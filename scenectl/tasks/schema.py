@@ -5,6 +5,7 @@ A task is data. Loading one reads files that it names and runs no code from any 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -22,8 +23,7 @@ from scenectl.tasks.dump import plain, scene_table, term_table
 from scenectl.threads import MOST
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.body.proxies import load_body
-from scenes.errors import UserError, did_you_mean, shown
-from scenes.files import unreadable
+from scenes.errors import UserError, clipped, did_you_mean, shown
 from scenes.mesh.mesh import load_mesh
 from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
@@ -385,11 +385,10 @@ def _named_scene(name: str, folder: Path) -> dict[str, Any]:
     """A scene given by one word: a bundled name, or a file beside the task."""
     if name in bundled_names():
         return {"bundled": name}
-    if not unreadable(folder / name) or Path(name).suffix:
-        return {"file": name}  # a missing file is reported by the loader
-    raise UserError(
-        f"scene '{name}' is neither a bundled scene nor a file beside the task{did_you_mean(name, bundled_names())}"
-    )
+    if os.path.exists(folder / name) or Path(name).suffix:  # of a name that is too long there is none
+        return {"file": name}  # what is missing, or no file, is reported by the loader
+    near = did_you_mean(name, bundled_names())
+    raise UserError(f"scene '{clipped(name)}' is neither a bundled scene nor a file beside the task{near}")
 
 
 def _beside(folder: Path, table: Mapping[str, Any], key: str) -> dict[str, Any]:

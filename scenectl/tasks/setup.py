@@ -220,25 +220,26 @@ def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
         assert task.seconds is not None
         return task.seconds
     walk, length = task.walk, walked(path)
-    if task.seconds is None:
+    seconds = task.seconds
+    if seconds is None:
         seconds = max(round(seconds_for(walk, length), 1), spec.shortest)
         if seconds > spec.longest:
             raise UserError(
                 f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} "
                 "s at most; give a nearer target"
             )
-        return seconds
-    if walk.arrive is not None and not 0 < walk.arrive <= task.seconds:
-        raise UserError(f"walk: 'arrive' is {walk.arrive:g} s; give a time within the {task.seconds:g} s of the task")
-    arrive = task.seconds if walk.arrive is None else walk.arrive
-    walking = Schedule.of(walk, task.seconds, spec.fps).walking if walk.stop else arrive
+    if walk.arrive is not None and not 0 < walk.arrive <= seconds:
+        more = ", or state more 'seconds'" if task.seconds is None else ""
+        raise UserError(f"walk: 'arrive' is {walk.arrive:g} s; give a time within the {seconds:g} s of the task{more}")
+    arrive = seconds if walk.arrive is None else walk.arrive
+    walking = Schedule.of(walk, seconds, spec.fps).walking if walk.stop else arrive
     if length > FASTEST_WALK * walking:
         unstopped = " and stop (stop = false walks on)" if length <= FASTEST_WALK * arrive else ""
         raise UserError(
             f"walk: the path is {length:.1f} m long, too far to walk in {arrive:g} s{unstopped} "
             f"({length / walking:.1f} m/s); give more seconds or a nearer target"
         )
-    return task.seconds
+    return seconds
 
 
 def heading_along(path: np.ndarray) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -96,11 +97,16 @@ def moments_of(motion: Motion, goals: Sequence[Seen], verdict: Verdict | None) -
     return sorted([*chosen, *_between(motion, chosen, last)], key=lambda moment: moment.frame)
 
 
+def called(check: str) -> str:
+    """A check's name in words, without the time that it looks at: "sliding" of "sliding_2s"."""
+    return re.sub(r"_[\d.]+s$", "", check).replace("_", " ")
+
+
 def _of_verdict(motion: Motion, verdict: Verdict | None) -> Iterator[Moment]:
     findings: Sequence[Finding] = () if verdict is None else verdict.findings
     for k, finding in enumerate(findings):
         if finding.at_s is not None:
-            yield Moment(_frame(motion, finding.at_s), _FINDING if k == 0 else _WORST, (finding.check,))
+            yield Moment(_frame(motion, finding.at_s), _FINDING if k == 0 else _WORST, (called(finding.check),))
 
 
 def _of_goal(motion: Motion, goal: Seen, last: int) -> Iterator[Moment]:

@@ -191,6 +191,8 @@ def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.nd
     if (ending := file.suffix.lower().removeprefix(".")) not in _READERS:
         raise UserError(f"{what} has the unknown format '{ending}'{did_you_mean(ending, _READERS)}")
     scale = np.array(_numbers(element, "scale", where, 3, "1 1 1"))
+    if not scale.all():
+        raise UserError(f"states scale={_quoted(element.get('scale'))} for the {where}; give numbers other than 0")
     pieces = read_content(file, what, _READERS).pieces
     vertices, faces = joined([(piece.vertices, piece.faces) for piece in pieces])
     if not np.isfinite(vertices).all():

@@ -19,7 +19,7 @@ from scenes.files import atomic_write, read_arrays
 from scenes.kernels import parts
 from scenes.kernels.contact import SIDE, lowest, steepened
 from scenes.kernels.query import interpolated
-from scenes.numbers import MOST, WIDEST
+from scenes.numbers import MOST, NARROWEST, WIDEST
 
 Evaluate: TypeAlias = Callable[[Tensor, bool], tuple[Tensor, Tensor | None]]
 
@@ -391,12 +391,16 @@ def stored(data: Any, name: str, kind: Any, axes: int) -> np.ndarray:
     return array
 
 
+FINEST = NARROWEST / 1000
+"""Metres between nodes at least: the smallest shape at more nodes along a side than are made of one (512)."""
+
+
 def stored_place(data: Any) -> tuple[Tensor, float, float, float]:
     """Origin, spacing, `beyond` and margin (0 in files of earlier versions) of a file; raises ValueError."""
     origin = stored(data, "origin", np.float64, 1)
     spacing, beyond = (float(stored(data, name, np.float64, 0)) for name in ("spacing", "beyond"))
     margin = float(stored(data, "margin", np.float64, 0)) if "margin" in data else 0.0
-    if origin.shape != (3,) or not 0 < spacing <= WIDEST or beyond not in (-1.0, 1.0) or margin < 0:
+    if origin.shape != (3,) or not FINEST <= spacing <= WIDEST or beyond not in (-1.0, 1.0) or margin < 0:
         raise ValueError("'origin', 'spacing', 'beyond' or 'margin' is what no grid has")
     return torch.from_numpy(origin), spacing, beyond, margin
 

@@ -56,6 +56,13 @@ def alone(bench: Callable[[Engine], Result], json_file: Path | None, progress: A
     return result
 
 
+def example(task: Path) -> Path:
+    """A task file that a bench takes by default; raises UserError, which says where it is, where it is not here."""
+    if not task.exists():
+        raise UserError(f"task file '{task}' does not exist; name another, or run this in a checkout of scenectl")
+    return task
+
+
 def _stamp(weights: str | Path) -> list[Any]:
     """What tells weights of one name apart: rows that a bench kept are of no use once a folder was trained anew."""
     files = sorted(Path(weights).glob("*")) if Path(weights).is_dir() else []

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.bench.commands.shared import alone, shown
+from scenectl.bench.commands.shared import alone, example, shown
 from scenectl.console.options import Json
 
 TASKS = Path("examples/tasks")
@@ -22,4 +22,4 @@ def startup(
     """Fresh processes of help, completion, check and run, beside `import torch`."""
     from scenectl.bench.studies.startup import bench_startup
 
-    shown(alone(lambda engine: bench_startup(check, run, repeats, engine), json_file), json_file)
+    shown(alone(lambda engine: bench_startup(example(check), example(run), repeats, engine), json_file), json_file)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenectl.bench.commands.shared import alone, shown
+from scenectl.bench.commands.shared import alone, example, shown
 from scenectl.console.options import Json
 
 TASK = Path("examples/tasks/walk_to_target.toml")
@@ -23,4 +23,5 @@ def threads(
     """One thread or many, spinning or asleep: seconds of a generation, on a quiet machine and a busy one."""
     from scenectl.bench.studies.threads import bench_threads
 
+    example(task)
     shown(alone(lambda engine: bench_threads(task, samples, repeats, limit, engine=engine), json_file), json_file)

@@ -31,7 +31,7 @@ from scenes.archive import load_npy, npz_headers
 from scenes.errors import UserError
 from scenes.files import readable
 from scenes.motion.motion import MOST_BYTES, Motion, read_motion_arrays
-from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D, Skeleton
 from scenes.motion.sound import check_shapes, check_valid
 
 KEYS = ("joints", "features", "arr_0", "fps", "joint_names", "parents", "offsets", "valid", "t0", "unit", "up")
@@ -136,6 +136,7 @@ def _of_arrays(
         raise ValueError(f"its '{key}' are of type {arrays[key].dtype}, not numbers")
     doubts: list[str] = []
     joints = _joints(key, arrays[key], doubts)
+    _check_tree(joints.shape, arrays)
     joints = _ours(joints, arrays.get("joint_names"))
     clock = {name: arrays[name] for name in _CLOCK if name in arrays}
     if fps is not None:
@@ -173,6 +174,23 @@ def _joints(key: str, array: np.ndarray, doubts: list[str]) -> np.ndarray:
     if key == "features" or len(shape) not in (3, 4) or shape[-1] != 3:
         raise ValueError(f"its '{key}' have shape {list(shape)}; read are {_LAYOUTS}")
     return array
+
+
+def _check_tree(shape: tuple[int, ...], arrays: Mapping[str, np.ndarray]) -> None:
+    """Raise ValueError for parents or offsets of no tree: they aren't needed, but a file that has such is unsound."""
+    tree = {key: arrays[key] for key in ("parents", "offsets") if key in arrays}
+    check_shapes({"joints": shape, **{key: array.shape for key, array in tree.items()}})
+    if wrong := [key for key, array in tree.items() if array.dtype.kind not in ("iu" if key == "parents" else "fiu")]:
+        raise ValueError(f"its '{wrong[0]}' are of type {arrays[wrong[0]].dtype}, not numbers of that kind")
+    count = shape[-2]
+    parents = tree.get("parents", np.minimum(np.arange(count) - 1, 0))
+    offsets = tree.get("offsets", np.zeros((count, 3))).astype(float)
+    try:
+        Skeleton(
+            tuple(map(str, range(count))), tuple(parents.tolist()), tuple((x, y, z) for x, y, z in offsets.tolist())
+        )
+    except UserError as error:
+        raise ValueError(f"{error}; or leave {' and '.join(tree)} out") from error
 
 
 def _ours(joints: np.ndarray, names: np.ndarray | None) -> np.ndarray:

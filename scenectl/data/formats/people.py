@@ -54,7 +54,8 @@ def check_legs(joints: Float[np.ndarray, "*b 22 3"], unit: str) -> None:
         return
     units = leg / UNITS[unit]
     fitting = [word for word, metres in LENGTHS.items() if _LEG[0] <= units * metres <= _LEG[1]]
-    hint = f"state --unit {fitting[0]}" if fitting else "state another unit, or none"
+    none = "no unit makes them a person's; check the joints and their order"
+    hint = f"state --unit {fitting[0]}" if fitting else none
     raise UserError(f"legs would be {leg:.3g} m long in unit '{unit}'; {hint}")
 
 

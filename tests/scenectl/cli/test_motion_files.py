@@ -35,6 +35,20 @@ def files(folder: Path) -> dict[str, Path]:
     return {suffix: folder / f"x.{suffix}" for suffix in ("npy", "npz", "bvh")}
 
 
+def test_score_calls_samples_by_their_place_in_the_file(scenectl: Run, tmp_path: Path) -> None:
+    task = tmp_path / "task.toml"
+    task.write_text(HEAD + f'[[goal]]\nuse = "head_height"\nheight = {float(WALK[20, 15, 1])}\nat = 1.0\n')
+    np.save(tmp_path / "x.npy", torch.stack([0.8 * WALK, WALK]).numpy())
+    said = scenectl("score", tmp_path / "x.npy", task, "--fps", 20).out
+    assert [line.split()[:2] for line in said.splitlines() if line[:2] in ("0 ", "1 ")] == [["0", "1"], ["1", "0"]]
+    assert "sample 0 is not met: " in said and "the goals of sample 1:" in said
+
+
+def test_view_of_a_task_says_what_to_view(task: Path, scenectl: Run, tmp_path: Path) -> None:
+    said = scenectl("view", task, "--png", tmp_path / "x.png")
+    assert said.status == 2 and "is a task; make motions with scenectl run" in said.err
+
+
 @pytest.mark.parametrize("suffix", ["npy", "npz", "bvh"])
 def test_score_takes_what_others_write(suffix: str, task: Path, scenectl: Run, tmp_path: Path) -> None:
     path = files(tmp_path)[suffix]

@@ -316,6 +316,12 @@ def test_shapes_that_are_scaled_beyond_any_scene_are_told_before_a_hull_is_made(
     assert "lamp.urdf" in str(told.value)
 
 
+@pytest.mark.parametrize("scale", ["0 0 0", "0.001 0 0.001", "-0.0 1 1"])
+def test_a_scale_that_leaves_nothing_of_a_mesh_is_told(tmp_path: Path, scale: str) -> None:
+    with pytest.raises(UserError, match=r"lamp\.urdf.*scale='.*give numbers other than 0"):
+        read_urdf(robot(tmp_path, ROBOT.replace('scale="0.001 0.001 0.001"', f'scale="{scale}"')))
+
+
 @pytest.mark.parametrize("size", [1e12, 1e30, 1e150, 1e300, math.inf, math.nan])
 @pytest.mark.parametrize("node", [0, 1])
 def test_characters_of_any_size_but_a_persons_are_told(tmp_path: Path, size: float, node: int) -> None:

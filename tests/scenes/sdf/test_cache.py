@@ -113,6 +113,7 @@ def replaced(path: Path, **arrays: object) -> None:
         ("values", np.zeros((9, 9), np.float32)),
         ("spacing", np.array(True)),
         ("spacing", np.array(1e300)),
+        ("spacing", np.array(1e-300)),
         ("beyond", np.array(0.5)),
         ("margin", np.array(-1.0)),
         ("rule", np.array(3)),
