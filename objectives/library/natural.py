@@ -24,8 +24,9 @@ def foot_skating(
     height: Positive = 0.05,
     allowed: NotNegative = 0.1,
     feet: list[str] = ["left_foot", "right_foot"],  # noqa: B006  (read only)
+    each: bool = True,
 ) -> Masked:
-    """Keep feet that are near the ground from sliding over it.
+    """Keep feet that are near the ground from sliding over it: each of them, or the one that is most at rest.
 
     Residual: horizontal velocity of the foot from one frame to the next, m/s, beyond `allowed`, where the foot is
     within `height` of the ground at both. After GMD's skating ratio (height 0.05 m, skating from 0.5 m/s, which is the
@@ -35,11 +36,15 @@ def foot_skating(
         height: a foot lower over the ground than this stands on it, m (measured at the sole).
         allowed: speed that a standing foot may have while it rolls, m/s.
         feet: the foot joints.
+        each: every one of them; otherwise the slowest, so that another may swing low.
     """
     points = motion.select(feet)
     grounded = foot_heights(points, motion, context).detach() < height
     speed = beyond(points[..., ::2].diff(dim=-3) * motion.fps, allowed)
     down = grounded[..., 1:, :] & grounded[..., :-1, :]
+    if not each:
+        slow = torch.where(down, speed.detach().norm(dim=-1), torch.inf)
+        down = down & (slow == slow.amin(-1, keepdim=True))
     speed = torch.where(down[..., None], speed, 0.0)
     return _by_step(speed.flatten(-2), motion, feet, points)
 

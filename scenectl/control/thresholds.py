@@ -49,9 +49,12 @@ class Thresholds:
     clearance: float = _entry(3.0, "", "weight of `foot_clearance`", BODY)
     foot: float = _entry(2e3, "1/m^2", "cost of lifting a foot that stood, each frame", BODY)
     firm_foot: float = _entry(4e3, "1/m^2", "the same where the weight of goals is raised", BODY)
-    led_bones: float = _entry(10.0, "", "weight of `bone_length` where goals lead a body past walls", WALLS)
+    led_bones: float = _entry(20.0, "", "weight of `bone_length` where goals lead a body past walls", WALLS)
     led_bone_error: float = _entry(0.05, "m", "tolerance of `bone_length` there", WALLS)
     led_clearance: float = _entry(5.0, "", "weight of `foot_clearance` there", WALLS)
+    led_skating: float = _entry(200.0, "", "weight of `foot_skating` of the foot that carries there", WALLS)
+    carries: float = _entry(0.1, "m", "height over the scene below which a foot may carry there", WALLS)
+    slide: float = _entry(0.05, "m/s", "speed over the ground that is free to it", WALLS)
     approach: int = _entry(40, "steps", "at most, of searches with a body's costs", BODY)
     finish: int = _entry(20, "steps", "at most, of searches without them from there", BODY)
     # Polishing.

@@ -39,6 +39,8 @@ REACH = 0.9
 """Metres over the floor to where a hand reaches of a person who stands and leans: an arm of 0.65 m, and a little."""
 LEGS = {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot"))}
 """Joints that a walk holds after it has arrived."""
+LAG = 0.8
+"""Metres by which a walk may be before or behind its schedule: a step, so that it can wait for what comes its way."""
 ABOUT = 0.4
 """Seconds by which a place on the way may be passed before or after the schedule does."""
 
@@ -134,6 +136,7 @@ def _way(
         "begin": 0.0,
         "end": schedule.arrive,
         "brake": schedule.brake,
+        "lag": LAG,
         "height": PELVIS + body.sole_offset if rises else None,
     }
     window = None if until is None else (0.0, until)

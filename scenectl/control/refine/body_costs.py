@@ -159,11 +159,15 @@ def leads(objective: Objective, motion: Motion, context: Context, led: float = T
     return any(term.spec.pulls and share(term) >= led for term in objective.counted)
 
 
-def with_walk_costs(objective: Objective, thresholds: Thresholds = THRESHOLDS) -> Objective:
-    """The goals, bones and shuffling, for walks that are led past walls; bones that are off by too much are not met."""
-    bones = Term("bone_length", weight=thresholds.led_bones, tolerance=thresholds.led_bone_error)
-    feet = Term("foot_clearance", weight=thresholds.led_clearance, tolerance=1.0)  # m: never a reason to go on
-    return Objective((*objective.terms, bones, feet))
+def walk_costs(thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
+    """Bones, low swings and sliding, for walks that are led past walls; bones that are off by too much are not met."""
+    never: dict[str, float] = {"tolerance": 100.0}  # m, m/s: never a reason to go on
+    carrying = {"each": False, "height": thresholds.carries, "allowed": thresholds.slide}
+    return (
+        Term("bone_length", weight=thresholds.led_bones, tolerance=thresholds.led_bone_error),
+        Term("foot_clearance", weight=thresholds.led_clearance, **never),
+        Term("foot_skating", carrying, weight=thresholds.led_skating, **never),
+    )
 
 
 def _body(thresholds: Thresholds) -> tuple[Term, ...]:

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from objectives import Objective
-from scenectl.control.refine.body_costs import approach, finish, leads, with_walk_costs
+from scenectl.control.refine.body_costs import approach, finish, leads, walk_costs
 from scenectl.control.refine.polish import SmoothStep, kept, polishing
 from scenectl.control.refine.setting import Setting
 from scenectl.control.solvers.problem import Reason, Solution
@@ -41,10 +41,11 @@ def search(setting: Setting) -> Solution:
     leading = tuple(t for t in goals.counted if t.spec.pulls)
     if not solver.lead or len(leading) in (0, len(goals.counted)):
         return setting.solve(goals)
-    if solver.natural and leads(goals, step.motion, setting.context, setting.thresholds.led):
-        goals = with_walk_costs(goals, setting.thresholds)
+    walks = solver.natural and leads(goals, step.motion, setting.context, setting.thresholds.led)
+    costs = walk_costs(setting.thresholds) if walks else ()
+    goals = Objective((*goals.terms, *costs))
     few = {"iterations": min(solver.lead, solver.iterations), "enough": None}
-    led = setting.solve(Objective(leading), settings=solver.model_copy(update=few))
+    led = setting.solve(Objective((*leading, *costs)), settings=solver.model_copy(update=few))
     found = setting.solve(goals, led.value)
     found = replace(found, evaluations=found.evaluations + led.evaluations)
     lost = ~(setting.cost(setting.motion(found)) <= setting.cost(step.motion))  # nan, too

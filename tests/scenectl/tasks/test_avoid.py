@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from objectives import Term, get_goal
-from scenectl.tasks.schema import AVOID, GROUND
+from scenectl.tasks.schema import AVOID, GROUND, PASSING
 from scenectl.tasks.task import Task
 from scenes.errors import UserError
 from scenes.mesh.primitives import Box, Sphere
@@ -81,6 +81,15 @@ def test_a_table_changes_some_of_it() -> None:
     for wrong in ("no", 3, []):
         with pytest.raises(UserError, match="avoid"):
             task(avoid=wrong)
+
+
+def test_a_walk_keeps_further_from_where_things_move() -> None:
+    def margin(**more: Any) -> float:
+        (term,) = (t for t in task(scene={"objects": [THING]}, **more).avoided if t.goal == "sdf_penetration")
+        return float(term.parameters["margin"])
+
+    assert margin(walk=WALK) == margin(goals=[PATH]) == PASSING > AVOID["margin"] == margin()
+    assert margin(walk=WALK, avoid={"margin": 0.01}) == 0.01
 
 
 def test_defaults_are_goals_like_others_and_survive_a_dump() -> None:
