@@ -15,8 +15,8 @@ from scenectl.tasks.task import load_task
 from scenes.errors import UserError
 
 STATM = Path("/proc/self/statm")
-SECONDS = tuple(2.0 + 0.05 * (37 * step % 61) for step in range(61))
-"""Lengths of motions in turn, 2 to 5 s in an order that mixes them: libraries keep what they compile for each shape."""
+SECONDS = tuple(2.0 + 0.1 * (37 * step % 61) for step in range(61))
+"""Lengths of motions in turn, 2 to 8 s in an order that mixes them: libraries keep what they compile for each shape."""
 
 
 def bench_memory(task: str | Path, generations: int = 1000, engine: Engine = ENGINE) -> Result:

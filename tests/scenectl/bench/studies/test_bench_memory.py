@@ -27,8 +27,8 @@ def test_memory_is_told_after_each_tenth_of_the_runs(task: Path) -> None:
 
 
 def test_lengths_are_many_and_mixed() -> None:
-    assert len(set(SECONDS)) == 61 and min(SECONDS) == 2.0 and max(SECONDS) <= 5.0
-    assert min(abs(a - b) for a, b in zip(SECONDS, SECONDS[1:], strict=False)) > 0.2
+    assert len(set(SECONDS)) == 61 and min(SECONDS) == 2.0 and 7.9 < max(SECONDS) < 8.1
+    assert min(abs(a - b) for a, b in zip(SECONDS, SECONDS[1:], strict=False)) > 0.4
 
 
 def test_too_few_runs_are_refused(task: Path) -> None:
