@@ -13,7 +13,7 @@ from objectives import Context, Objective
 from scenectl.generators.spec import Spec
 from scenectl.tasks.conditions import Target, targets_of
 from scenectl.tasks.schema import Start, TaskTable, Walk
-from scenectl.tasks.walk import FASTEST_WALK, Schedule, seconds_for, walk_terms
+from scenectl.tasks.walk import FASTEST_WALK, WAIT, Schedule, seconds_for, walk_terms
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place
@@ -222,7 +222,8 @@ def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
     walk, length = task.walk, walked(path)
     seconds = task.seconds
     if seconds is None:
-        seconds = max(round(seconds_for(walk, length), 1), spec.shortest)
+        waiting = WAIT if task.scene.objects else 0.0
+        seconds = max(round(seconds_for(walk, length) + waiting, 1), spec.shortest)
         if seconds > spec.longest:
             raise UserError(
                 f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} "

@@ -41,6 +41,8 @@ LEGS = {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in (
 """Joints that a walk holds after it has arrived."""
 LAG = 0.8
 """Metres by which a walk may be before or behind its schedule: a step, so that it can wait for what comes its way."""
+WAIT = 1.0
+"""Seconds added to tasks without `seconds` in which things move: without them, a walk that must wait is late."""
 ABOUT = 0.4
 """Seconds by which a place on the way may be passed before or after the schedule does."""
 

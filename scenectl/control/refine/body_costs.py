@@ -161,12 +161,12 @@ def leads(objective: Objective, motion: Motion, context: Context, led: float = T
 
 def walk_costs(thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
     """Bones, low swings and sliding, for walks that are led past walls; bones that are off by too much are not met."""
-    never: dict[str, float] = {"tolerance": 100.0}  # m, m/s: never a reason to go on
+    never = 100.0  # m, m/s: never a reason to go on
     carrying = {"each": False, "height": thresholds.carries, "allowed": thresholds.slide}
     return (
         Term("bone_length", weight=thresholds.led_bones, tolerance=thresholds.led_bone_error),
-        Term("foot_clearance", weight=thresholds.led_clearance, **never),
-        Term("foot_skating", carrying, weight=thresholds.led_skating, **never),
+        Term("foot_clearance", weight=thresholds.led_clearance, tolerance=never),
+        Term("foot_skating", carrying, weight=thresholds.led_skating, tolerance=never),
     )
 
 
