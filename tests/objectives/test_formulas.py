@@ -190,7 +190,7 @@ def test_one_foot_at_rest_is_enough_where_not_each_is_asked() -> None:
             joints = standing(9) + torch.tensor([0, 0.02, 0], dtype=torch.float64)
             for foot, step in zip(order, (slower, 0.045), strict=True):
                 joints[:, HUMANML3D.index(foot), 0] += step * torch.arange(9)
-            assert worst(joints, each=False) == pytest.approx(20 * slower, abs=1e-9)
+            assert worst(joints, each=False) == pytest.approx(20 * slower, abs=1e-6)
             assert worst(joints) == pytest.approx(0.9)
 
 
@@ -327,7 +327,7 @@ def test_speed_beyond_a_limit_counts_at_the_frame_that_a_step_begins_with() -> N
         term = Term("speed_limit", {"limit": 0.2, "joints": "pelvis", "axes": axes})
         found = term.evaluate(motion, context())
         expected = [0.0, max(speed - 0.2, 0.0), 0.0, 0.0]
-        assert found.square.sqrt()[:, 0].tolist() == pytest.approx(expected, abs=1e-9)
+        assert found.square.sqrt()[:, 0].tolist() == pytest.approx(expected, abs=1e-6)
         assert found.mask[:, 0].tolist() == [True, True, True, False]
     assert Term("speed_limit", {"joints": ["head"]}).met(motion, context())
 
