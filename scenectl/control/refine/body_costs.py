@@ -159,15 +159,18 @@ def leads(objective: Objective, motion: Motion, context: Context, led: float = T
     return any(term.spec.pulls and share(term) >= led for term in objective.counted)
 
 
-def walk_costs(thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
-    """Bones, low swings and sliding, for walks that are led past walls; bones that are off by too much are not met."""
+def walk_costs(level: bool = True, thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
+    """Bones, low swings and sliding, for walks that are led past walls; bones that are off by too much are not met.
+
+    Over steps a foot on its way is as near to the next one as a foot that carries, so sliding counts on `level` ground.
+    """
     never = 100.0  # m, m/s: never a reason to go on
     carrying = {"each": False, "height": thresholds.carries, "allowed": thresholds.slide}
-    return (
+    body = (
         Term("bone_length", weight=thresholds.led_bones, tolerance=thresholds.led_bone_error),
         Term("foot_clearance", weight=thresholds.led_clearance, tolerance=never),
-        Term("foot_skating", carrying, weight=thresholds.led_skating, tolerance=never),
     )
+    return (*body, Term("foot_skating", carrying, weight=thresholds.led_skating, tolerance=never)) if level else body
 
 
 def _body(thresholds: Thresholds) -> tuple[Term, ...]:

@@ -16,6 +16,7 @@ from objectives import Objective
 from scenectl.control.refine.body_costs import approach, finish, leads, walk_costs
 from scenectl.control.refine.polish import SmoothStep, kept, polishing
 from scenectl.control.refine.setting import Setting
+from scenectl.control.rise import Rise
 from scenectl.control.solvers.problem import Reason, Solution
 
 Stage = Callable[[Setting, Solution], Solution]
@@ -42,10 +43,11 @@ def search(setting: Setting) -> Solution:
     if not solver.lead or len(leading) in (0, len(goals.counted)):
         return setting.solve(goals)
     walks = solver.natural and leads(goals, step.motion, setting.context, setting.thresholds.led)
-    costs = walk_costs(setting.thresholds) if walks else ()
+    level = Rise.of(goals) is None
+    costs = walk_costs(level, setting.thresholds) if walks else ()
     goals = Objective((*goals.terms, *costs))
     few = {"iterations": min(solver.lead, solver.iterations), "enough": None}
-    led = setting.solve(Objective((*leading, *costs)), settings=solver.model_copy(update=few))
+    led = setting.solve(Objective((*leading, *(costs if level else ()))), settings=solver.model_copy(update=few))
     found = setting.solve(goals, led.value)
     found = replace(found, evaluations=found.evaluations + led.evaluations)
     lost = ~(setting.cost(setting.motion(found)) <= setting.cost(step.motion))  # nan, too

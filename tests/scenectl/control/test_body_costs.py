@@ -9,7 +9,7 @@ import torch
 
 from objectives import Context, Objective, Term
 from scenectl.control import ObjectiveGuide, Refined, SolverSettings, refine
-from scenectl.control.refine.body_costs import BodyCosts
+from scenectl.control.refine.body_costs import BodyCosts, walk_costs
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators import load_generator
 from scenes.body.body import DEFAULT_BODY
@@ -155,3 +155,9 @@ def test_a_target_out_of_reach_breaks_no_bones_and_is_named() -> None:
         made = controlled(objective, 3.2, 1, 2, settings)
         body = BodyCosts.beside(made.unrefined, objective, CONTEXT)
         assert bool(body.strained(made.motion, THRESHOLDS.met_bones)[0]) == strained
+
+
+def test_what_slides_counts_in_walks_on_level_ground_and_not_on_steps() -> None:
+    """On steps a foot that swings is as low over the next one as a foot that carries, and would be held there."""
+    named = [{term.spec.name for term in walk_costs(level)} for level in (True, False)]
+    assert named == [{"bone_length", "foot_clearance", "foot_skating"}, {"bone_length", "foot_clearance"}]
