@@ -45,7 +45,7 @@ def search(setting: Setting) -> Solution:
     walks = solver.natural and leads(goals, step.motion, setting.context, setting.thresholds.led)
     level = Rise.of(goals) is None
     costs = walk_costs(level, setting.thresholds) if walks else ()
-    goals = Objective((*goals.terms, *costs))
+    goals = Objective((*goals.terms, *costs)) if costs else goals
     few = {"iterations": min(solver.lead, solver.iterations), "enough": None}
     led = setting.solve(Objective((*leading, *(costs if level else ()))), settings=solver.model_copy(update=few))
     found = setting.solve(goals, led.value)

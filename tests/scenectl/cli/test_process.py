@@ -100,7 +100,10 @@ def test_an_interrupt_that_a_library_would_swallow_ends_the_process(how: str, tm
     (tmp_path / "swallows.py").write_text(
         f"import os, signal\nraise_ = lambda: os.kill(os.getpid(), signal.SIGINT)\n{how}"
     )
-    code = f"from scenectl.cli import interrupts; interrupts.watch(); import sys; sys.path[:0] = [{str(tmp_path)!r}]; "
+    code = (  # what is started behind a shell's back ignores interrupts
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        f"from scenectl.cli import interrupts; interrupts.watch(); sys.path[:0] = [{str(tmp_path)!r}]; "
+    )
     done = subprocess.run(
         [sys.executable, "-c", code + "import swallows; print('went on')"], capture_output=True, text=True, check=False
     )
