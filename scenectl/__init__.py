@@ -10,7 +10,7 @@ from importlib import import_module
 from scenectl.version import __version__
 
 # oneDNN keeps the code that it compiles for every shape, and torch the plan of every product in bfloat16, of 1,024
-# shapes by default, so that memory grows with every new length (tests/scenectl/test_memory.py measures both). One motion
+# shapes by default: memory grows with every new length (tests/scenectl/test_memory.py measures both). One motion
 # needs up to 27 of the former (ONEDNN_VERBOSE=profile_create). Read when torch first computes.
 os.environ.setdefault("ONEDNN_PRIMITIVE_CACHE_CAPACITY", "32")
 os.environ.setdefault("LRU_CACHE_CAPACITY", "32")
