@@ -45,10 +45,14 @@ class TermReport:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> TermReport:
-        """What `as_dict` made the values of; a number that JSON could not hold is infinite."""
-        numbers = {key: math.inf for key in ("worst", "mean", "cost") if values[key] is None}
-        place = values["position"]
-        return cls(**{**values, **numbers, "position": None if place is None else tuple(place)})
+        """What `as_dict` made the values of; a number that JSON could not hold is infinite, a coordinate nan."""
+        measured = {key: math.inf if values[key] is None else float(values[key]) for key in ("worst", "mean", "cost")}
+        stated = {key: float(values[key]) for key in ("tolerance", "weight")}
+        place, when = values.get("position"), values.get("when")
+        position = None if place is None else tuple(math.nan if c is None else float(c) for c in place)
+        return cls(
+            **{**values, **measured, **stated, "position": position, "when": None if when is None else float(when)}
+        )
 
     def sentence(self) -> str:
         """One line for a person: name, worst, when, where, tolerance, met or not."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -13,6 +14,7 @@ import torch
 from torch.autograd import forward_ad
 
 from objectives import Context, Masked, Objective, Term, diagnosis, forget, goal
+from objectives.report import TermReport
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from tests.objectives.cases import Joints, context, standing, wandering
@@ -277,3 +279,10 @@ def test_rows_have_forward_derivatives() -> None:
     ahead, behind = rows(motion.joints + step * tangent)[1], rows(motion.joints - step * tangent)[1]
     torch.testing.assert_close(pushed[1], (ahead - behind) / (2 * step))
     assert torch.isfinite(pushed[0]).all()
+
+
+def test_a_report_of_a_term_comes_back_from_json_whatever_it_holds() -> None:
+    whole = {"name": "a", "goal": "a", "unit": "m", "worst": 1, "mean": None, "tolerance": 0, "met": True, "cost": 2.0}
+    told = TermReport.from_dict({**whole, "weight": 3, "active_frames": 0, "when": 0, "position": [None, 1, 0.5]})
+    assert told.mean == math.inf and told.when == 0.0 and told.position is not None and math.isnan(told.position[0])
+    assert TermReport.from_dict({**whole, "weight": 3, "active_frames": 0}).when is None

@@ -247,7 +247,8 @@ def test_two_thousand_levels_are_too_deep_for_toml(tmp_path: Path) -> None:
 
 
 WRITER = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what is started behind a shell's back
 from scenes.files import atomic_write
 with atomic_write(sys.argv[1]) as file:
     file.write(bytes(100_000)), file.flush(), print("writing", flush=True)
