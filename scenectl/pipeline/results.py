@@ -19,7 +19,7 @@ from scenectl.measures.believability.verdict import Verdict
 from scenectl.pipeline.tables import ReportTable
 from scenectl.tasks.setup import Setup
 from scenes.errors import UserError
-from scenes.files import atomic_write, read_arrays, replaceable
+from scenes.files import MOST_BYTES, atomic_write, read_arrays, read_text, replaceable
 from scenes.motion.frames import Place, shifted
 from scenes.motion.motion import Motion, Pose2D
 from scenes.validation import sentence
@@ -141,7 +141,7 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
 def _report(path: Path) -> dict[str, Any]:
     """A report as its schema has it."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, "report", MOST_BYTES)
         report: dict[str, Any] = json.loads(text)
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(f"'{path}' cannot be read ({error}); run the task again") from error

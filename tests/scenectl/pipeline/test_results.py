@@ -182,6 +182,13 @@ def test_whatever_stands_in_a_report_opens_or_is_refused_in_a_sentence(data: st.
         assert picture.motion is not None
 
 
+def test_a_report_that_is_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    shutil.copy(OLD / "motion.npz", tmp_path / "motion.npz")
+    os.mkfifo(tmp_path / "report.json")
+    with pytest.raises(UserError, match=r"is a pipe.*; run the task again"):
+        load_result(tmp_path)
+
+
 def test_a_motion_of_another_run_is_told(result: Result, tmp_path: Path) -> None:
     one, other = seeded(result, 1).save(tmp_path / "one"), seeded(result, 2).save(tmp_path / "other")
     shutil.copy(other / "motion.npz", one / "motion.npz")
