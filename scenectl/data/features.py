@@ -41,6 +41,13 @@ HEADING_SIGMA = 20.0
 
 # Chains along which HumanML3D solves its inverse kinematics; the arms start at the upper spine.
 _CHAINS = ((0, 2, 5, 8, 11), (0, 1, 4, 7, 10), (0, 3, 6, 9, 12, 15), (9, 14, 17, 19, 21), (9, 13, 16, 18, 20))
+# Directions of bones in the rest pose of HumanML3D's rotations: arms hang, feet point forward.
+_X, _Y, _Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+_BACK, _DOWN = (-1, 0, 0), (0, -1, 0)
+_REST = (
+    *((0, 0, 0), _X, _BACK, _Y, _DOWN, _DOWN, _Y, _DOWN, _DOWN, _Y, _Z, _Z, _Y, _X, _BACK, _Z),
+    *(_DOWN, _DOWN, _DOWN, _DOWN, _DOWN, _DOWN),
+)
 _LEFT_HIP, _RIGHT_HIP, _LEFT_SHOULDER, _RIGHT_SHOULDER = 1, 2, 16, 17
 
 
@@ -155,7 +162,7 @@ def _rotations_6d(joints: Float[Tensor, "T 22 3"], unturn: Float[Tensor, "T 3 3"
 
     The first joint of every chain, arms included, has the inverse heading as its parent.
     """
-    rest = torch.as_tensor(HUMANML3D.offsets, dtype=joints.dtype, device=joints.device)
+    rest = torch.as_tensor(_REST, dtype=joints.dtype, device=joints.device)
     out: list[Tensor | None] = [None] * JOINTS
     for chain in _CHAINS:
         before = unturn

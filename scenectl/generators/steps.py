@@ -1,4 +1,7 @@
-"""Steps that can be guided: by a function alone, or through a decoder whose linearisation is known."""
+"""Steps that can be guided: by a function alone, or through a decoder whose linearisation is known.
+
+What either decodes to goes through `scenes.motion.rigid`, so that goals only ever see bodies with rigid bones.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from torch import Tensor, nn
 from scenectl.generators.base import Price, Step
 from scenectl.networks.linearised import LinearisedDecoder
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
 
 AUTOGRAD = Price(product=1.3, row=0.5)
 """Products through autograd's record: a jvp of 1.4 to 2 passes, a vjp of 1, rows one by one but of one record.
@@ -42,6 +46,63 @@ class AroundStep:
 
 
 @dataclass(frozen=True)
+class MappedStep(AroundStep):
+    """A step whose motion goes through a further map of joints, sample by sample: another body's bones, rising ground.
+
+    Attributes:
+        inner: the step as its generator made it.
+        mapped: differentiable, of motions of any number of samples.
+    """
+
+    inner: Step
+    mapped: Callable[[Motion], Motion]
+
+    @property
+    def value(self) -> Float[Tensor, "S *v"]:
+        return self.inner.value
+
+    def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
+        return self.mapped(self.inner.decode(value))
+
+    def at(self, value: Float[Tensor, "S *v"]) -> MappedStep:
+        return replace(self, inner=self.inner.at(value))
+
+    def take(self, samples: Int[Tensor, " s"]) -> MappedStep:
+        return replace(self, inner=self.inner.take(samples))
+
+    @cached_property
+    def motion(self) -> Motion:
+        with torch.no_grad():
+            return self.mapped(self.inner.motion)
+
+    def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
+        dummy, pulled = self._pullback
+        (joints,) = torch.autograd.grad(pulled, dummy, self.inner.jvp(tangent), retain_graph=True)
+        return joints
+
+    def vjp(self, cotangent: Float[Tensor, "S T J 3"]) -> Float[Tensor, "S *v"]:
+        return self.inner.vjp(self._pulled(cotangent[None])[0])
+
+    def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S *v"]:
+        return self.inner.vjps(self._pulled(cotangents))
+
+    def _joints(self, joints: Float[Tensor, "*b T J 3"]) -> Float[Tensor, "*b T J 3"]:
+        before = self.inner.motion
+        return self.mapped(Motion(joints, fps=before.fps, t0=before.t0, skeleton=before.skeleton)).joints
+
+    def _pulled(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S T J 3"]:
+        """Gradients in the joints before the map."""
+        joints = self.inner.motion.joints.expand(cotangents.shape).detach().requires_grad_(True)
+        with torch.enable_grad():
+            after = self._joints(joints)
+        return torch.autograd.grad(after, joints, cotangents)[0]
+
+    @cached_property
+    def _pullback(self) -> tuple[Tensor, Tensor]:
+        return pullback(self._joints, self.inner.motion.joints)
+
+
+@dataclass(frozen=True)
 class DecodedStep:
     """A `Step` given by its value and a differentiable decoder; the products come from autograd.
 
@@ -57,7 +118,7 @@ class DecodedStep:
     unit: float = 1.0
 
     def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
-        return self.decoder(value)
+        return rigid(self.decoder(value))
 
     def at(self, value: Float[Tensor, "S *v"]) -> DecodedStep:
         return replace(self, value=value)
@@ -68,13 +129,13 @@ class DecodedStep:
     @property
     @torch.no_grad()
     def motion(self) -> Motion:
-        return self.decoder(self.value)
+        return self.decode(self.value)
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         try:
-            out: Tensor = torch.func.jvp(lambda v: self.decoder(v).joints, (self.value,), (tangent,))[1]
+            out: Tensor = torch.func.jvp(lambda v: self.decode(v).joints, (self.value,), (tangent,))[1]
         except (NotImplementedError, RuntimeError):  # an operation without a forward mode
-            dummy, pulled = pullback(lambda v: self.decoder(v).joints, self.value)
+            dummy, pulled = pullback(lambda v: self.decode(v).joints, self.value)
             (out,) = torch.autograd.grad(pulled, dummy, tangent)
         return out
 
@@ -84,7 +145,7 @@ class DecodedStep:
     def vjps(self, cotangents: Float[Tensor, "R S T J 3"]) -> Float[Tensor, "R S *v"]:
         value = self.value.detach().requires_grad_(True)
         with torch.enable_grad():
-            joints = self.decoder(value).joints
+            joints = self.decode(value).joints
         rows = [torch.autograd.grad(joints, value, each, retain_graph=True)[0] for each in cotangents]
         return torch.stack(rows)
 
@@ -117,7 +178,7 @@ class LatentStep:
     records: dict[tuple[int, bool], tuple[Tensor, Tensor]] = field(default_factory=dict, compare=False, repr=False)
 
     def decode(self, value: Float[Tensor, "S *v"]) -> Motion:
-        return self.place(self._raw(self.decoder(self.latent(value))[:, : len(self.scale)]))
+        return self._body(self._raw(self.decoder(self.latent(value))[:, : len(self.scale)]))
 
     def at(self, value: Float[Tensor, "S *v"]) -> LatentStep:
         return replace(self, value=value)
@@ -129,7 +190,7 @@ class LatentStep:
     @torch.no_grad()
     def motion(self) -> Motion:
         """The step's own value, decoded."""
-        return self.place(self._features)
+        return self._body(self._features)
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         moved = self.latent(tangent) - self.latent(torch.zeros_like(tangent))
@@ -148,7 +209,7 @@ class LatentStep:
         count = len(cotangents)  # as so many motions, not by vmap, whose first use takes seconds to import
         features = self._features.repeat(count, 1, 1).requires_grad_(True)
         with torch.enable_grad():
-            joints = self.place(features).joints
+            joints = self._body(features).joints
         (rows,) = torch.autograd.grad(joints, features, cotangents.flatten(0, 1))
         normal = (rows * self.scale).unflatten(0, (count, -1)).transpose(-1, -2)
         return self._pulled_back(self._linearised.vjp(normal.to(precision)), precision)
@@ -164,6 +225,9 @@ class LatentStep:
         (gradient,) = torch.autograd.grad(image, value, latent.flatten(0, 1).to(image), retain_graph=True)
         return gradient.unflatten(0, (len(latent), -1))
 
+    def _body(self, features: Float[Tensor, "S T n"]) -> Motion:
+        return rigid(self.place(features))
+
     def _raw(self, normalised: Float[Tensor, "S n T"]) -> Float[Tensor, "S T n"]:
         return normalised.transpose(1, 2) * self.scale + self.offset
 
@@ -178,7 +242,7 @@ class LatentStep:
 
     @cached_property
     def _pullback(self) -> tuple[Tensor, Tensor]:
-        return pullback(lambda features: self.place(features).joints, self._features)
+        return pullback(lambda features: self._body(features).joints, self._features)
 
 
 def pullback(function: Callable[[Tensor], Tensor], at: Tensor) -> tuple[Tensor, Tensor]:

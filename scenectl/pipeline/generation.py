@@ -10,8 +10,10 @@ from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.solvers.problem import Solution
 from scenectl.generators.base import Generator, Progress, silent
 from scenectl.generators.prompts import Prompts
+from scenectl.generators.steps import MappedStep
 from scenectl.tasks.conditions import conditions_of
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.rigid import rigid
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,6 @@ def make(
     )
     if guide is None:
         return Made(draft.motion, None, None, draft.trace)
-    step = SmoothStep.of(draft.motion) if draft.step is None else draft.step
+    step = MappedStep(SmoothStep.of(draft.motion), rigid) if draft.step is None else draft.step
     refined = refine(step, objective, context, solver, unknown, progress)
     return Made(refined.motion, refined.unrefined, refined.solution, draft.trace)

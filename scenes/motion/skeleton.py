@@ -1,7 +1,8 @@
-"""Skeletons: named joints in a tree, with the offsets of a person standing at rest."""
+"""Skeletons: named joints in a tree, with their offsets at rest, which for people is a T-pose."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +13,8 @@ from scenes.errors import UserError, clipped, did_you_mean
 
 FEET = ("left_foot", "right_foot")
 """Joints at the balls of the feet, by which people stand."""
+HIP, COLLAR = 0.82, 0.5
+"""Sines of the angles between the vertical and the bones to hips and collars in the T-pose: 55 and 30 degrees."""
 LONGEST_BONE = 10.0
 """Metres: beyond it, no person's."""
 
@@ -23,7 +26,7 @@ class Skeleton:
     Attributes:
         names: joint names, the root first.
         parents: index of each joint's parent, -1 for the root, which comes first; parents precede children.
-        offsets: rest offset of each joint from its parent, metres, y up, facing +z.
+        offsets: offset of each joint from its parent in the rest pose (for people a T-pose), metres, y up, facing +z.
     """
 
     names: tuple[str, ...]
@@ -98,14 +101,16 @@ def tree_order(parents: Sequence[int]) -> list[int]:
 
 
 def _humanml3d() -> Skeleton:
-    # Joints of SMPL without the hands. Lengths are those of HumanML3D's uniform skeleton, measured
-    # on its published clip 012314 (every clip of that data set has them); directions are its rest pose.
-    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    # Joints of SMPL without the hands. Lengths are those of HumanML3D's uniform skeleton, measured on its published
+    # clip 012314 (every clip of that data set has them). Hips and collars lie between those of the collections that the
+    # weights are trained on, whose skeletons differ (`scenectl bench body`); soles are level.
+    x, y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    toe = (0.0, -0.33, 0.944)
     rows: list[tuple[str, int, tuple[float, float, float], float]] = [
-        # name, parent, axis, signed length (m)
+        # name, parent, direction in the T-pose, length (m)
         ("pelvis", -1, y, 0.0),
-        ("left_hip", 0, x, 0.103074),
-        ("right_hip", 0, x, -0.109883),
+        ("left_hip", 0, (HIP, -_along(HIP), 0.0), 0.103074),
+        ("right_hip", 0, (-HIP, -_along(HIP), 0.0), 0.109883),
         ("spine1", 0, y, 0.131568),
         ("left_knee", 1, y, -0.393623),
         ("right_knee", 2, y, -0.390188),
@@ -113,24 +118,34 @@ def _humanml3d() -> Skeleton:
         ("left_ankle", 4, y, -0.432433),
         ("right_ankle", 5, y, -0.425643),
         ("spine3", 6, y, 0.057365),
-        ("left_foot", 7, z, 0.143382),
-        ("right_foot", 8, z, 0.149419),
+        ("left_foot", 7, toe, 0.143382),
+        ("right_foot", 8, toe, 0.149419),
         ("neck", 9, y, 0.219360),
-        ("left_collar", 9, x, 0.137487),
-        ("right_collar", 9, x, -0.143383),
-        ("head", 12, z, 0.103039),
-        ("left_shoulder", 13, y, -0.131614),
-        ("right_shoulder", 14, y, -0.122984),
-        ("left_elbow", 16, y, -0.256840),
-        ("right_elbow", 17, y, -0.263092),
-        ("left_wrist", 18, y, -0.266012),
-        ("right_wrist", 19, y, -0.269876),
+        ("left_collar", 9, (COLLAR, _along(COLLAR), 0.0), 0.137487),
+        ("right_collar", 9, (-COLLAR, _along(COLLAR), 0.0), 0.143383),
+        ("head", 12, y, 0.103039),
+        ("left_shoulder", 13, x, 0.131614),
+        ("right_shoulder", 14, x, -0.122984),
+        ("left_elbow", 16, x, 0.256840),
+        ("right_elbow", 17, x, -0.263092),
+        ("left_wrist", 18, x, 0.266012),
+        ("right_wrist", 19, x, -0.269876),
     ]
     return Skeleton(
         names=tuple(row[0] for row in rows),
         parents=tuple(row[1] for row in rows),
-        offsets=tuple((a[0] * s, a[1] * s, a[2] * s) for _, _, a, s in rows),
+        offsets=tuple(_offset(direction, length) for _, _, direction, length in rows),
     )
+
+
+def _along(aside: float) -> float:
+    """The other leg of a unit direction."""
+    return math.sqrt(1 - aside * aside)
+
+
+def _offset(direction: tuple[float, float, float], length: float) -> tuple[float, float, float]:
+    scale = length / math.hypot(*direction)
+    return direction[0] * scale, direction[1] * scale, direction[2] * scale
 
 
 HUMANML3D = _humanml3d()

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from objectives import Context, Objective
 from scenectl.control.refine.setting import Setting
 from scenectl.control.refine.stages import solved
-from scenectl.control.rise import Rise, RisenStep
+from scenectl.control.rise import Rise
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.problem import Solution
 from scenectl.control.start import FreeStart, MovedStep
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Progress, Step, silent
+from scenectl.generators.steps import MappedStep
 from scenes.motion.motion import Motion
 
 
@@ -54,7 +55,7 @@ def refine(
     """
     solver = solver or SolverSettings()
     if (rise := Rise.of(objective)) is not None:
-        step = RisenStep(step, rise)
+        step = MappedStep(step, rise.under)
     if start is not None:
         step = MovedStep.of(step, start, start.fit(step.motion, objective, context, thresholds))
     if solver.iterations == 0:

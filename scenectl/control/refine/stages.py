@@ -18,6 +18,8 @@ from scenectl.control.refine.polish import SmoothStep, kept, polishing
 from scenectl.control.refine.setting import Setting
 from scenectl.control.rise import Rise
 from scenectl.control.solvers.problem import Reason, Solution
+from scenectl.generators.steps import MappedStep
+from scenes.motion.rigid import rigid
 
 Stage = Callable[[Setting, Solution], Solution]
 
@@ -126,7 +128,7 @@ def polish(setting: Setting, found: Solution) -> Solution:
     some = replace(motion, joints=motion.joints[near], valid=motion.valid[near])
     done, moves = torch.zeros_like(near, dtype=torch.bool), torch.zeros_like(some.joints)
     joints = Setting(
-        SmoothStep.of(some, setting.thresholds), objective, context, polishing(setting.solver, setting.thresholds),
+        MappedStep(SmoothStep.of(some, setting.thresholds), rigid), objective, context, polishing(setting.solver, setting.thresholds),
         setting.count, setting.thresholds,
     )  # fmt: skip
     # Targets alone, as so small a move takes other goals out of their tolerances but seldom; then all goals.

@@ -7,7 +7,8 @@ import math
 import torch
 
 from objectives import Objective, Term
-from scenectl.control.rise import Rise, RisenStep
+from scenectl.control.rise import Rise
+from scenectl.generators.steps import MappedStep
 from scenes.motion.bones import bone_errors
 from scenes.motion.skeleton import FEET
 from tests.objectives.cases import wandering
@@ -39,6 +40,6 @@ def test_without_a_height_over_a_path_nothing_rises() -> None:
 
 
 def test_products_of_a_risen_step_are_derivatives_and_adjoint() -> None:
-    s = RisenStep(step(exact=True), rise(begin=0.0, end=2.0))
+    s = MappedStep(step(exact=True), rise(begin=0.0, end=2.0).under)
     assert_derivatives_and_adjoint(s)
     assert torch.equal(s.take(torch.tensor([1])).motion.joints, s.motion.joints[1:2])
