@@ -127,10 +127,9 @@ def polish(setting: Setting, found: Solution) -> Solution:
         return found
     some = replace(motion, joints=motion.joints[near], valid=motion.valid[near])
     done, moves = torch.zeros_like(near, dtype=torch.bool), torch.zeros_like(some.joints)
-    joints = Setting(
-        MappedStep(SmoothStep.of(some, setting.thresholds), rigid), objective, context, polishing(setting.solver, setting.thresholds),
-        setting.count, setting.thresholds,
-    )  # fmt: skip
+    step = MappedStep(SmoothStep.of(some, setting.thresholds), rigid)
+    settings = polishing(setting.solver, setting.thresholds)
+    joints = Setting(step, objective, context, settings, setting.count, setting.thresholds)
     # Targets alone, as so small a move takes other goals out of their tolerances but seldom; then all goals.
     for goals in (Objective(tuple(t for t in objective.counted if t.spec.pulls)), objective):
         after = joints.motion(joints.solve(goals))
