@@ -12,6 +12,8 @@ from scenectl.generators.mscot.networks.preconditioner import Preconditioner
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
+from scenes.motion.rigid import on_bones
+from scenes.motion.skeleton import HUMANML3D
 
 _CLIPS, _BATCH, _PROBES = 48, 8, 4
 _FRAMES = (64, MAX_FRAMES)
@@ -50,7 +52,8 @@ def _pulled(
 ) -> list[Float[Tensor, "R S _L d"]]:
     """Each scale's gradients for random pulls."""
     parts = [e.requires_grad_(True) for e in embeddings]
-    joints = features_to_joints(tokenizer.decode_latent(tokenizer.quantiser.latent(parts, finest)))
+    features = tokenizer.decode_latent(tokenizer.quantiser.latent(parts, finest))
+    joints = on_bones(features_to_joints(features), HUMANML3D)
     pulls = [torch.autograd.grad(joints, parts, pull, retain_graph=True) for pull in _pulls(joints, draw)]
     return [torch.stack(each) for each in zip(*pulls, strict=True)]
 
