@@ -30,7 +30,7 @@ def train(
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     weights: Annotated[
         str | None,
-        typer.Option(help="Finished weights that stand for stages not trained here: to train one stage anew."),
+        typer.Option(help="Finished weights, which stand for stages not trained here."),
     ] = None,
 ) -> None:
     """Train one stage or all, compare small variants (sweep), or train what evaluates; what was stopped goes on."""
