@@ -111,6 +111,11 @@ def features_to_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T
     return torch.cat([root[..., None, :], others], dim=-2)
 
 
+def body_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T 22 3"]:
+    """`features_to_joints` of what a network made, on the rigid bones that all steps put bodies on."""
+    return on_bones(features_to_joints(features), HUMANML3D)
+
+
 def on_body(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T c"]:
     """Features whose joints stand on the rigid bones of a generated body (`scenes.motion.rigid`).
 

@@ -11,9 +11,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.clips import ClipSet
-from scenectl.data.features import FPS, features_to_joints, on_body
+from scenectl.data.features import FPS, body_joints, features_to_joints, on_body
 from scenectl.training.card import table
-from scenes.motion.rigid import on_bones
 from scenes.motion.skeleton import HUMANML3D
 
 RoundTrip = Callable[[Float[Tensor, "C T 263"]], Float[Tensor, "C T 263"]]
@@ -53,7 +52,7 @@ def joints_after(
 ) -> tuple[Float[Tensor, "C T 22 3"], Float[Tensor, "C T 22 3"]]:
     """Joints (canonical, m) of what a model makes of the features, and the true ones, both on rigid bones."""
     got = torch.cat([round_trip(part) for part in features.split(64)])
-    return on_bones(features_to_joints(got), HUMANML3D), features_to_joints(on_body(features))
+    return body_joints(got), features_to_joints(on_body(features))
 
 
 def error_by_joint(got: Float[Tensor, "C T 22 3"], true: Float[Tensor, "C T 22 3"]) -> dict[str, dict[str, float]]:

@@ -7,9 +7,16 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from scenectl.data.features import CONTACT_JOINTS, CONTACTS, ROOT_VELOCITY, YAW, features_to_joints, on_body
+from scenectl.data.features import (
+    CONTACT_JOINTS,
+    CONTACTS,
+    ROOT_VELOCITY,
+    YAW,
+    body_joints,
+    features_to_joints,
+    on_body,
+)
 from scenectl.training.loop import LoopSettings
-from scenes.motion.rigid import on_bones
 from scenes.motion.skeleton import HUMANML3D
 from scenes.tables import Table
 
@@ -71,7 +78,7 @@ def reconstruction_loss(
     wanted = on_body(wanted)
     error = F.smooth_l1_loss(got / std, wanted / std, reduction="none", beta=0.5)
     root = error[..., YAW].mean() + error[..., ROOT_VELOCITY].mean()
-    joints, true = on_bones(features_to_joints(got), HUMANML3D), features_to_joints(wanted)
+    joints, true = body_joints(got), features_to_joints(wanted)
     difference = joints - true
     steps = difference.diff(dim=-3).abs()
     feet = steps[..., _FEET, :].mean()

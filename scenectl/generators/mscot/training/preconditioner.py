@@ -7,13 +7,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.clips import ClipSet, beginnings
-from scenectl.data.features import features_to_joints
+from scenectl.data.features import body_joints
 from scenectl.generators.mscot.networks.preconditioner import Preconditioner
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.schedule import MAX_FRAMES, MIN_FRAMES
-from scenes.motion.rigid import on_bones
-from scenes.motion.skeleton import HUMANML3D
 
 _CLIPS, _BATCH, _PROBES = 48, 8, 4
 _FRAMES = (64, MAX_FRAMES)
@@ -52,8 +50,7 @@ def _pulled(
 ) -> list[Float[Tensor, "R S _L d"]]:
     """Each scale's gradients for random pulls."""
     parts = [e.requires_grad_(True) for e in embeddings]
-    features = tokenizer.decode_latent(tokenizer.quantiser.latent(parts, finest))
-    joints = on_bones(features_to_joints(features), HUMANML3D)
+    joints = body_joints(tokenizer.decode_latent(tokenizer.quantiser.latent(parts, finest)))
     pulls = [torch.autograd.grad(joints, parts, pull, retain_graph=True) for pull in _pulls(joints, draw)]
     return [torch.stack(each) for each in zip(*pulls, strict=True)]
 
