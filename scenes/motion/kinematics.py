@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from scenes.motion.motion import Motion
@@ -36,7 +36,7 @@ HINGES = {
     "left_shoulder": ("left_elbow", "left_wrist", (0.0, -1.0, 0.0)),
     "right_shoulder": ("right_elbow", "right_wrist", (0.0, 1.0, 0.0)),
 }
-"""By the joint that a limb turns about: its hinge and its end, and the axis about which the hinge bends in the T-pose."""
+"""By the joint that a limb turns about: its hinge, its end, and the axis about which the hinge bends in the T-pose."""
 _STRAIGHT = 0.2
 """Sine of the bend (12 degrees) at which its plane counts as much as the shortest way."""
 _AROUND = 0.5
@@ -72,7 +72,7 @@ def orientations(motion: Motion) -> Float[Tensor, "*b T J 3 3"]:
             continue
         turned[joint] = rotation_between(above @ rest, bone) @ above
         if skeleton.names[joint] in HINGES and set(HINGES[skeleton.names[joint]][:2]) <= set(skeleton.names):
-            hinge, end, axis = HINGES[skeleton.names[joint]]
+            _, end, axis = HINGES[skeleton.names[joint]]
             lower = bones[..., skeleton.index(end), :]
             turned[joint] = _bent(turned[joint], bone, lower, joints.new_tensor(axis), rest, motion)
     return torch.stack([turned[joint] for joint in range(len(skeleton.names))], dim=-3)
@@ -80,7 +80,7 @@ def orientations(motion: Motion) -> Float[Tensor, "*b T J 3 3"]:
 
 def _between(skeleton: Skeleton, branches: Mapping[int, Branch]) -> dict[int, tuple[int, int, float]]:
     """Joints on a way from one branching joint to the next: those two, and which share of the way lies behind."""
-    found = {}
+    found: dict[int, tuple[int, int, float]] = {}
     for last in branches:
         way = [last]
         while (way[0] == last or way[0] not in branches) and skeleton.parents[way[0]] >= 0:
