@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -98,6 +98,13 @@ def tree_order(parents: Sequence[int]) -> list[int]:
     if len(order) < len(parents):
         raise ValueError("links are each other's parents")
     return order
+
+
+def with_lengths(skeleton: Skeleton, lengths: np.ndarray) -> Skeleton:
+    """The same skeleton with bones of other lengths (m), each given by the joint in which it ends, ``[J]``."""
+    scale = np.asarray(lengths, np.float64) / np.maximum(skeleton.bone_lengths, 1e-9)
+    scaled = np.asarray(skeleton.offsets) * scale[:, None]
+    return replace(skeleton, offsets=tuple((x, y, z) for x, y, z in scaled.tolist()))
 
 
 def _humanml3d() -> Skeleton:
