@@ -43,3 +43,12 @@ def rest_pose(skeleton: Skeleton) -> Float[Tensor, "J 3"]:
     for parent, joint in skeleton.bones:
         rest[joint] = rest[parent] + np.asarray(skeleton.offsets[joint])
     return torch.from_numpy(rest)
+
+
+def standing_pose(skeleton: Skeleton) -> Float[Tensor, "J 3"]:
+    """The rest pose with arms that hang, as people stand; the same where the skeleton knows no arms."""
+    joints, arms = rest_pose(skeleton), ("elbow", "wrist")
+    for parent, joint in skeleton.bones:
+        if skeleton.names[joint].endswith(arms):
+            joints[joint] = joints[parent] - joints.new_tensor([0.0, float(skeleton.bone_lengths[joint]), 0.0])
+    return joints

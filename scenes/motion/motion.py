@@ -135,6 +135,8 @@ class Motion:
     def resampled(self, fps: float | int) -> Motion:
         """The same at another rate: frames left out where the rates allow, lines between frames otherwise.
 
+        Bones are as long as the lines between their lengths say: what is rigid stays so.
+
         The first frame stays; the last is the last that the motion still reaches. Interpolated frames are real where
         both that they lie between are.
         """
@@ -144,7 +146,7 @@ class Motion:
         at = torch.arange(int(last * fps + 1e-6) + 1, dtype=torch.float64) / fps * self.fps
         before = at.long().clamp(max=self.frames - 1)
         after, share = (before + 1).clamp(max=self.frames - 1), (at - before)[:, None, None].to(self.joints)
-        joints = torch.lerp(self.joints[..., before, :, :], self.joints[..., after, :, :], share)
+        joints = _between(self.joints[..., before, :, :], self.joints[..., after, :, :], share, self.skeleton)
         return replace(self, joints=joints, valid=self.valid[..., before] & self.valid[..., after], fps=fps)
 
     def save(self, path: str | Path, **extra: np.ndarray | float | int | str) -> None:
@@ -211,6 +213,20 @@ class Motion:
         check_valid(valid)
         check_places(joints, skeleton.names)
         return cls(torch.from_numpy(joints), torch.from_numpy(valid), fps, t0, skeleton)
+
+
+def _between(
+    a: Float[Tensor, "*b T J 3"], b: Float[Tensor, "*b T J 3"], share: Float[Tensor, "T 1 1"], skeleton: Skeleton
+) -> Float[Tensor, "*b T J 3"]:
+    """Joints a share of the way from a to b: the root along a line, and so the directions and lengths of bones."""
+    joints = torch.lerp(a, b, share)
+    placed = [joints[..., 0, :]]
+    for joint, parent in enumerate(skeleton.parents[1:], 1):
+        bone = joints[..., joint, :] - joints[..., parent, :]
+        ends = ((side[..., joint, :] - side[..., parent, :]).norm(dim=-1, keepdim=True) for side in (a, b))
+        length = torch.lerp(*ends, share[..., 0])
+        placed.append(placed[parent] + bone * (length / bone.norm(dim=-1, keepdim=True).clamp_min(1e-9)))
+    return torch.stack(placed, dim=-2)
 
 
 _KINDS = {
