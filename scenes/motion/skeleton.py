@@ -110,7 +110,7 @@ def with_lengths(skeleton: Skeleton, lengths: np.ndarray) -> Skeleton:
 def _humanml3d() -> Skeleton:
     # Joints of SMPL without the hands. Lengths are those of HumanML3D's uniform skeleton, measured on its published
     # clip 012314 (every clip of that data set has them). Hips and collars lie between those of the collections that the
-    # weights are trained on, whose skeletons differ (`scenectl bench body`); soles are level.
+    # weights are trained on, whose skeletons differ (`scenectl bench skeletons`); soles are level.
     x, y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     toe = (0.0, -0.33, 0.944)
     rows: list[tuple[str, int, tuple[float, float, float], float]] = [
