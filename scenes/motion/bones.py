@@ -1,4 +1,4 @@
-"""Bones of a motion: their directions, their lengths, and how far these are from the skeleton's."""
+"""Bones of a motion, their lengths, and those of its skeleton."""
 
 from __future__ import annotations
 
@@ -25,16 +25,6 @@ def bone_lengths(motion: Motion) -> Float[Tensor, "*b T B"]:
 def rest_lengths(motion: Motion) -> Float[Tensor, " B"]:
     """Lengths (m) of the skeleton's bones, in the order of `Skeleton.bones`, typed as the motion."""
     return motion.joints.new_tensor(motion.skeleton.bone_lengths)[[child for _, child in motion.skeleton.bones]]
-
-
-def stretches(motion: Motion) -> Float[Tensor, "*b T B"]:
-    """By how much (m) each bone is longer than the skeleton's; 0 in padding."""
-    return (bone_lengths(motion) - rest_lengths(motion)) * motion.valid[..., None]
-
-
-def bone_errors(motion: Motion) -> Float[Tensor, "*b T"]:
-    """Mean distance (m) of each frame's bones from the skeleton's lengths; 0 in padding."""
-    return stretches(motion).abs().mean(-1)
 
 
 def rest_pose(skeleton: Skeleton) -> Float[Tensor, "J 3"]:

@@ -168,7 +168,6 @@ EXAMPLES: dict[str, list[Example]] = {
         lambda s: {"limit": 0.02, "joints": ["pelvis", "left_foot"], "axes": "xz"},
     ],
     "smoothness": [lambda s: {"limit": 5.0, "joints": ["head", "left_wrist"]}],
-    "bone_length": [lambda s: {"slack": 0.003}],
     "joint_limits": [lambda s: {"knee": 0.1, "elbow": 0.1, "backwards": 0.05}],
 }
 
@@ -189,6 +188,5 @@ SATISFIED: dict[str, dict[str, Any]] = {
     "foot_clearance": {"height": 0.5, "speed": 0.0},
     "speed_limit": {"limit": 0.0},
     "smoothness": {"limit": 0.0},
-    "bone_length": {"slack": 1e-6},
     "joint_limits": {"knee": 0.5},
 }

@@ -46,10 +46,11 @@ class ObjectiveGuide:
         """Gradient of `log_prob` in the step's value; samples are independent, so one backward pass serves all."""
         value = step.value.detach().requires_grad_(True)
         with torch.enable_grad():
-            cost = self._cost(self._begun(step.decode(value)))
+            motion = step.decode(value)
+            motion.joints.register_hook(_numbers)  # one frame that is not a number must not silence the whole tilt
+            cost = self._cost(self._begun(motion))
             (gradient,) = torch.autograd.grad(cost.sum(), value)
-        # One frame that is not a number must not silence the whole tilt.
-        return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
+        return -self.guidance.scale * _numbers(gradient)
 
     def _begun(self, motion: Motion) -> Motion:
         """The motion on the ground of its path, from the start that suits the goals best, if that is free."""
@@ -60,3 +61,7 @@ class ObjectiveGuide:
 
     def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
         return self.objective.cost(motion, self.context)
+
+
+def _numbers(gradient: Tensor) -> Tensor:
+    return torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
