@@ -26,17 +26,23 @@ _SHORTEST = 1e-4
 def rigid(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
     """The motion on its skeleton's bones, or on another's of the same joints; differentiable in the joints."""
     skeleton = motion.skeleton if skeleton is None else skeleton
-    return replace(motion, joints=on_bones(motion.joints, skeleton), skeleton=skeleton)
+    return replace(motion, joints=on_bones(motion.joints, skeleton, motion.skeleton), skeleton=skeleton)
 
 
-def on_bones(joints: Float[Tensor, "*b J 3"], skeleton: Skeleton) -> Float[Tensor, "*b J 3"]:
-    """Joints (m) on a skeleton's bones: the root where it was, bones in their directions."""
+def on_bones(
+    joints: Float[Tensor, "*b J 3"], skeleton: Skeleton, before: Skeleton | None = None
+) -> Float[Tensor, "*b J 3"]:
+    """Joints (m) on a skeleton's bones: the root where it was, bones in their directions.
+
+    How joints that branch are turned is told by the skeleton that the joints were made on `before`.
+    """
     tree = tree_of(skeleton)
+    told = {} if before is None else {branch.joint: branch for branch in tree_of(before).branches}
     bones = joints[..., 1:, :] - joints[..., tree.parents, :]
     size = (bones.square().sum(-1, keepdim=True) + _SHORTEST**2).sqrt()
     placed = bones * (joints.new_tensor(tree.lengths)[:, None] / size)
     for branch in tree.branches:
-        turn = turns(bones[..., branch.bones, :], branch)
+        turn = turns(bones[..., branch.bones, :], told.get(branch.joint, branch))
         offsets = joints.new_tensor(branch.offsets)
         placed = placed.index_copy(-2, torch.tensor(branch.bones, device=joints.device), offsets @ turn.mT)
     moved = joints.new_tensor(tree.above) @ placed
