@@ -211,7 +211,8 @@ class Walk(_Table):
 
 def room_of(body: ProxyBody) -> tuple[float, float]:
     """Radius and height (m) of what is kept free for a body that walks."""
-    return RADIUS * body.breadth / DEFAULT_BODY.breadth, HEIGHT * body.height / DEFAULT_BODY.height
+    radius, height = RADIUS * body.breadth / DEFAULT_BODY.breadth, HEIGHT * body.height / DEFAULT_BODY.height
+    return round(radius, 3), round(height, 3)
 
 
 class BodySpec(_Table):
