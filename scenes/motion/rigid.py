@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.motion.motion import Motion
+from scenes.motion.rotations import axes
 from scenes.motion.skeleton import Skeleton
 
 _SHORTEST = 1e-4
@@ -55,15 +56,7 @@ def turns(bones: Float[Tensor, "*b n 3"], branch: Branch) -> Float[Tensor, "*b 3
     Otherwise the line across (of hips, of collars) is kept, and the bones together decide how it leans.
     """
     across, up = (torch.einsum("n,...nd->...d", bones.new_tensor(share), bones) for share in branch.shares)
-    return _frame(across, up) @ bones.new_tensor(branch.rest).mT
-
-
-def _frame(x: Float[Tensor, "*b 3"], y: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
-    """Right-handed axes as columns: the first along x, the second in the plane of x and y."""
-    x = x / (x.square().sum(-1, keepdim=True) + 1e-12).sqrt()
-    y = y - (y * x).sum(-1, keepdim=True) * x
-    y = y / (y.square().sum(-1, keepdim=True) + 1e-12).sqrt()
-    return torch.stack([x, y, torch.linalg.cross(x, y)], dim=-1)
+    return axes(across, up) @ bones.new_tensor(branch.rest).mT
 
 
 @dataclass(frozen=True)
@@ -123,5 +116,5 @@ def _branch(skeleton: Skeleton, joint: int, ends: list[int]) -> Branch | None:
     across, up = shares @ offsets
     if float(torch.linalg.cross(across, up).norm()) < _SHORTEST**2 * float(offsets.norm()) ** 2:
         return None
-    rest = _frame(across, up)
+    rest = axes(across, up)
     return Branch(joint, [end - 1 for end in ends], offsets.tolist(), shares.tolist(), rest.tolist())

@@ -115,6 +115,13 @@ def tree_order(parents: Sequence[int]) -> list[int]:
     return order
 
 
+def with_lengths(skeleton: Skeleton, lengths: np.ndarray) -> Skeleton:
+    """The same skeleton with bones of other lengths (m), each given by the joint in which it ends, ``[J]``."""
+    scale = np.asarray(lengths, np.float64) / np.maximum(skeleton.bone_lengths, 1e-9)
+    scaled = np.asarray(skeleton.offsets) * scale[:, None]
+    return replace(skeleton, offsets=tuple((x, y, z) for x, y, z in scaled.tolist()))
+
+
 def _humanml3d() -> Skeleton:
     # Joints of SMPL without the hands. Lengths are those of HumanML3D's uniform skeleton, measured on its published
     # clip 012314 (every clip of that data set has them). Hips and collars lie between those of the collections that the
