@@ -37,7 +37,7 @@ SHORTEST, TALLEST = 1.2, 2.1
 """Metres: statures that can be asked for. Younger children have other proportions than adults."""
 
 SMALLEST, LARGEST = 0.4, 1.6
-"""Legs that motions are made for, as multiples of an adult's: of people 0.7 to 2.7 m tall, the tallest ever measured."""
+"""Legs that motions are made for, as multiples of an adult's: people of 0.7 to 2.7 m, the tallest ever measured."""
 
 _HUMAN: dict[str, Any] = tomllib.loads((Path(__file__).parent / "human.toml").read_text(encoding="utf-8"))
 
