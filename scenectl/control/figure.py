@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from jaxtyping import Float
 from torch import Tensor
 
+from scenectl.generators.base import Guide, Step
+from scenectl.generators.steps import MappedStep
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
@@ -60,3 +62,22 @@ class Figure:
         """The inverse of `place`."""
         ground = points.new_tensor(self.ground)
         return ground + (points - ground) / self.ratio
+
+
+@dataclass(frozen=True)
+class FigureGuide:
+    """A guide that knows a body's motions, asked about steps on the skeleton that they are made on.
+
+    Attributes:
+        guide: the guide.
+        figure: the body's.
+    """
+
+    guide: Guide
+    figure: Figure
+
+    def log_prob(self, step: Step) -> Float[Tensor, " S"]:
+        return self.guide.log_prob(MappedStep(step, self.figure.of))
+
+    def gradient(self, step: Step) -> Float[Tensor, "S *v"]:
+        return self.guide.gradient(MappedStep(step, self.figure.of))

@@ -218,9 +218,10 @@ class MachineTable(_Table):
 
 
 class EditTable(_Table):
-    """Which frames of which motion `scenectl edit` made anew."""
+    """Which frames of which motion `scenectl edit` made anew, and how far (m) bones of one length moved those kept."""
 
     regenerated_frames: list[int]
+    kept_moved_m: Number | None = None
     motion: str | None = None
 
 
