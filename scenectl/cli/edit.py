@@ -94,9 +94,8 @@ def edit(
     moved = result.report["edit"]["kept_moved_m"]
     doubt((*result.report["scene"]["doubts"], *_moved(moved)))
     files = f"motion.npz, report.json{' and preview.png' if pictured else ''}"
-    out.print(
-        f"made {int(mask.sum())} of {len(mask)} frames anew, the others moved by {1000 * moved:.1f} mm; wrote {files} in {output}"
-    )
+    out.print(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote {files} in {output}")
+    out.print(f"kept frames moved by {1000 * moved:.1f} mm at most, so that bones keep their lengths")
     leave(result, allow_unmet)
 
 
