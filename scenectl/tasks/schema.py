@@ -184,8 +184,8 @@ class Walk(_Table):
 
     to: Spot
     via: tuple[Spot, ...] = ()
-    radius: Annotated[float, Field(gt=0.05, le=1.0)] | None = None
-    height: Annotated[float, Field(gt=0.3, le=3.0)] | None = None
+    radius: Annotated[float | None, Field(gt=0.05, le=1.0)] = None
+    height: Annotated[float | None, Field(gt=0.3, le=3.0)] = None
     via_tolerance: Annotated[float, Field(gt=0)] = 0.15
     arrive: float | None = None
     stop: bool = True
