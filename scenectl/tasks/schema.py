@@ -197,15 +197,15 @@ class Walk(_Table):
         """The same walk so much (m) further."""
         return self.model_copy(update={"to": _moved(self.to, by), "via": tuple(_moved(p, by) for p in self.via)})
 
-    def of(self, body: ProxyBody) -> Walk:
-        """The same walk with the room that a body needs, as far as it isn't stated."""
+    def room(self, body: ProxyBody) -> tuple[float, float]:
+        """Radius and height (m) of what is kept free: as stated, or as a body needs."""
         radius, height = room_of(body)
-        return self.model_copy(update={"radius": self.radius or radius, "height": self.height or height})
+        return self.radius or radius, self.height or height
 
     def path(self, area: FreeArea, start: Spot) -> np.ndarray:
-        """The planner's way from `start` over `via` to `to`, ``[P, 3]``; UserError when there is none."""
+        """The planner's way from `start` over `via` to `to`, ``[P, 3]``, with the area's room; UserError if none."""
         stops = [start, *self.via, self.to]
-        legs = [area.path(a, b, self.radius) for a, b in pairwise(stops)]
+        legs = [area.path(a, b) for a, b in pairwise(stops)]
         return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
 
 

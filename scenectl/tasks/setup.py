@@ -104,11 +104,8 @@ def plan(
 def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Scene, spec: Spec | None) -> Setup:
     spec = task.generator.family.spec if spec is None else spec
     body = task.load_body()
-    given = task
-    if task.walk is not None:
-        task = task.model_copy(update={"walk": task.walk.of(body)})
     rng = np.random.default_rng(task.seed if seed is None else seed)
-    area = None if task.walk is None else free_area(scene, task.walk.radius, task.walk.height)
+    area = None if task.walk is None else free_area(scene, *task.walk.room(body))
     if start is None:
         place = _place(task, scene, area, rng, spec.window, body)
         _check_standing(scene, place, body)
@@ -126,7 +123,7 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     objective.check(context, seconds, spec.fps)
     unreached = _unreached(reached, targets_of(objective, context, start, seconds, spec), place[1])
     unreached += () if free else _astray(reached, place)
-    return Setup(given, scene, body, context, objective, start, seconds, path, unreached)
+    return Setup(task, scene, body, context, objective, start, seconds, path, unreached)
 
 
 def _unreached(scene: Scene, targets: Iterable[Target], ground: float) -> tuple[str, ...]:
@@ -178,8 +175,8 @@ def _place(
     if task.walk is None:
         x, z = (float(value) for value in area.sample(1, rng, area.radius + 0.1)[0])
         return x, _ground(scene, x, z), z
-    storeys = sorted({0, area.storey(task.walk.to, task.walk.radius)}, reverse=True)
-    tries = [(k, *place) for k in storeys for place in area.sample(64, rng, task.walk.radius, k).tolist()]
+    storeys = sorted({0, area.storey(task.walk.to)}, reverse=True)
+    tries = [(k, *place) for k in storeys for place in area.sample(64, rng, storey=k).tolist()]
     for storey, x, z in tries:
         ground = float(area.sheets[storey].ground(np.array([[x, z]]))[0]) if storey else _ground(scene, x, z)
         place = (x, ground, z)
