@@ -18,7 +18,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenes.motion.motion import Motion
-from scenes.motion.rotations import axes
 from scenes.motion.skeleton import Skeleton
 
 _SHORTEST = 1e-4
@@ -28,12 +27,17 @@ _SHORTEST = 1e-4
 def rigid(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
     """The motion on its skeleton's bones, or on another's of the same joints; differentiable in the joints."""
     skeleton = motion.skeleton if skeleton is None else skeleton
-    return replace(motion, joints=on_bones(motion.joints, skeleton), skeleton=skeleton)
+    return replace(motion, joints=on_bones(motion.joints, skeleton, motion.skeleton), skeleton=skeleton)
 
 
-def on_bones(joints: Float[Tensor, "*b J 3"], skeleton: Skeleton) -> Float[Tensor, "*b J 3"]:
-    """Joints (m) on a skeleton's bones: the root where it was, bones in their directions."""
-    apart, together, branches = _tables(skeleton, joints.dtype, joints.device)
+def on_bones(
+    joints: Float[Tensor, "*b J 3"], skeleton: Skeleton, before: Skeleton | None = None
+) -> Float[Tensor, "*b J 3"]:
+    """Joints (m) on a skeleton's bones: the root where it was, bones in their directions.
+
+    How joints that branch are turned is told by the skeleton that the joints were made on `before`.
+    """
+    apart, together, branches = _tables(skeleton, before or skeleton, joints.dtype, joints.device)
     rows = joints.mT.contiguous()  # so that one small matrix takes all frames at once
     ways, up = (rows @ apart).tensor_split((apart.shape[1] - branches,), dim=-1)
     ways = _unit(ways)
@@ -55,7 +59,15 @@ def turns(bones: Float[Tensor, "*b n 3"], branch: Branch) -> Float[Tensor, "*b 3
     Otherwise the line across (of hips, of collars) is kept, and the bones together decide how it leans.
     """
     across, up = (torch.einsum("n,...nd->...d", bones.new_tensor(share), bones) for share in branch.shares)
-    return axes(across, up) @ bones.new_tensor(branch.rest).mT
+    return _frame(across, up) @ bones.new_tensor(branch.rest).mT
+
+
+def _frame(x: Float[Tensor, "*b 3"], y: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
+    """Right-handed axes as columns: the first along x, the second in the plane of x and y."""
+    x = x / (x.square().sum(-1, keepdim=True) + 1e-12).sqrt()
+    y = y - (y * x).sum(-1, keepdim=True) * x
+    y = y / (y.square().sum(-1, keepdim=True) + 1e-12).sqrt()
+    return torch.stack([x, y, torch.linalg.cross(x, y)], dim=-1)
 
 
 @dataclass(frozen=True)
@@ -84,15 +96,10 @@ class Tree:
     Attributes:
         parents: of all joints but the root.
         branches: joints whose bones turn as one, parents first.
-        apart: from joints to bones that turn alone, then to the lines across branches, then to those up; lengths at
-            rest are 1, of lines up beside what they have along those across.
-        together: from the root, these lines and the third axes of branches back to joints.
     """
 
     parents: list[int]
     branches: tuple[Branch, ...]
-    apart: Float[Tensor, "J n"]
-    together: Float[Tensor, "m J"]
 
 
 @lru_cache(maxsize=32)
@@ -102,37 +109,44 @@ def tree_of(skeleton: Skeleton) -> Tree:
     children = [[j for j, parent in enumerate(parents, 1) if parent == p] for p in range(len(skeleton.names))]
     with torch.device("cpu"):
         found = [_branch(skeleton, joint, ends) for joint, ends in enumerate(children) if len(ends) > 1]
-    branches = tuple(branch for branch in found if branch is not None)
-    return Tree(parents, branches, *_products(skeleton, branches))
+    return Tree(parents, tuple(branch for branch in found if branch is not None))
 
 
-def _products(skeleton: Skeleton, branches: tuple[Branch, ...]) -> tuple[Tensor, Tensor]:
-    """Both products of the map (`Tree`), in double precision."""
+def _products(skeleton: Skeleton, before: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """Both products of the map, ``[J, n]`` and ``[m, J]``.
+
+    The first leads from joints to bones that turn alone, then to the lines across branches, then to those up; lengths
+    at rest are 1, of lines up beside what they have along those across. The second leads from the root, these lines and
+    the third axes of branches back to joints.
+    """
+    told = {branch.joint: branch for branch in tree_of(before).branches}
+    branches = [(branch, told.get(branch.joint, branch)) for branch in tree_of(skeleton).branches]
     count, k = len(skeleton.names), len(branches)
     bones, above = np.eye(count)[:, 1:], np.zeros((count, count - 1))
     for bone, (parent, joint) in enumerate(skeleton.bones):
         bones[parent, bone] = -1.0
         above[joint] = above[parent]
         above[joint, bone] = 1.0
-    alone = [b for b in range(count - 1) if not any(b in branch.bones for branch in branches)]
+    alone = [b for b in range(count - 1) if not any(b in branch.bones for branch, _ in branches)]
     lengths = skeleton.bone_lengths[1:][alone]
     apart = np.hstack([bones[:, alone] / lengths.clip(_SHORTEST), np.zeros((count, 2 * k))])
     placed = np.zeros((len(alone) + 3 * k, count - 1))
     placed[range(len(alone)), alone] = lengths
-    for i, branch in enumerate(branches):
-        shares, seen = np.array(branch.shares), np.array(branch.offsets) @ np.array(branch.rest)
-        along = (shares @ seen).diagonal()  # of the line across, and of that up beside it
+    for i, (branch, seen) in enumerate(branches):
+        shares, rest = np.array(seen.shares), np.array(seen.rest)
+        along = (shares @ np.array(seen.offsets) @ rest).diagonal()  # of the line across, and of that up beside it
         apart[:, [len(alone) + i, len(alone) + k + i]] = bones[:, branch.bones] @ (shares / along[:, None]).T
-        placed[len(alone) + i :: k, branch.bones] = seen.T
-    together = np.vstack([np.ones(count), placed @ above.T])
-    return torch.from_numpy(apart), torch.from_numpy(together)
+        placed[len(alone) + i :: k, branch.bones] = (np.array(branch.offsets) @ rest).T
+    return apart, np.vstack([np.ones(count), placed @ above.T])
 
 
 @lru_cache(maxsize=32)
-def _tables(skeleton: Skeleton, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor, int]:
-    """Both products of a skeleton's map and the number of its branches, where they are needed."""
-    tree = tree_of(skeleton)
-    return tree.apart.to(device, dtype), tree.together.to(device, dtype), len(tree.branches)
+def _tables(
+    skeleton: Skeleton, before: Skeleton, dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, Tensor, int]:
+    """Both products of a map and the number of its branches, where they are needed."""
+    apart, together = (torch.from_numpy(table).to(device, dtype) for table in _products(skeleton, before))
+    return apart, together, len(tree_of(skeleton).branches)
 
 
 def _branch(skeleton: Skeleton, joint: int, ends: list[int]) -> Branch | None:
@@ -142,5 +156,5 @@ def _branch(skeleton: Skeleton, joint: int, ends: list[int]) -> Branch | None:
     across, up = shares @ offsets
     if float(torch.linalg.cross(across, up).norm()) < _SHORTEST**2 * float(offsets.norm()) ** 2:
         return None
-    rest = axes(across, up)
+    rest = _frame(across, up)
     return Branch(joint, [end - 1 for end in ends], offsets.tolist(), shares.tolist(), rest.tolist())

@@ -73,6 +73,21 @@ class Skeleton:
         lengths: np.ndarray = np.linalg.norm(np.asarray(self.offsets, dtype=np.float64), axis=-1)
         return lengths
 
+    @cached_property
+    def legs(self) -> float:
+        """Height (m) of the root over the feet in the T-pose: steps, speeds and heights of a body are in proportion."""
+        down = []
+        for joint in self.indices(FEET):
+            down.append(0.0)
+            while joint >= 0:
+                down[-1] -= self.offsets[joint][1]
+                joint = self.parents[joint]
+        return sum(down) / len(down)
+
+    def scaled(self, by: float) -> Skeleton:
+        """The same proportions, so many times as large."""
+        return replace(self, offsets=tuple((by * x, by * y, by * z) for x, y, z in self.offsets))
+
     def span(self, a: str, b: str) -> float:
         """Largest distance (m) between two joints, with all bones between them stretched in a line."""
         ways: list[dict[int, float]] = []
@@ -157,3 +172,8 @@ def _offset(direction: tuple[float, float, float], length: float) -> tuple[float
 
 HUMANML3D = _humanml3d()
 """HumanML3D's 22 joints on its uniform skeleton."""
+
+
+def size_of(skeleton: Skeleton) -> float:
+    """How many times as long its legs are as HumanML3D's, whose people limits and habits of walking are stated for."""
+    return skeleton.legs / HUMANML3D.legs

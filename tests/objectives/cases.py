@@ -14,7 +14,7 @@ from torch import Tensor
 from objectives import Context
 from scenes.body.body import Segments
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class Joints:
     """A proxy body of one sphere for each joint."""
 
     size: float = 0.06
+    skeleton: Skeleton = HUMANML3D
     sole_offset: float = 0.02
 
     @property
