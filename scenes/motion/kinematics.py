@@ -113,9 +113,10 @@ def _across(
 
 def _around(seen: Float[Tensor, "*b T 2"], fps: float) -> Float[Tensor, "*b T 2"]:
     """What the frames around each have seen, the near ones most."""
-    size = 2 * seen.shape[-2]
+    if not (size := 2 * seen.shape[-2]):
+        return seen
     away = torch.arange(size, dtype=seen.dtype, device=seen.device)
-    kernel = torch.exp(-torch.minimum(away, size - away) / (_MEMORY * fps))
+    kernel = torch.exp(-torch.minimum(away, size - away) / max(_MEMORY * fps, 1e-3))
     spectrum = torch.fft.rfft(kernel * (_AROUND / kernel.sum()))[:, None] * torch.fft.rfft(seen, size, dim=-2)
     return torch.fft.irfft(spectrum, size, dim=-2)[..., : seen.shape[-2], :]
 
