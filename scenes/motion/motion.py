@@ -240,8 +240,8 @@ def _between(
     placed = [joints[..., 0, :]]
     for joint, parent in enumerate(skeleton.parents[1:], 1):
         bone = joints[..., joint, :] - joints[..., parent, :]
-        ends = ((side[..., joint, :] - side[..., parent, :]).norm(dim=-1, keepdim=True) for side in (a, b))
-        length = torch.lerp(*ends, share[..., 0])
+        first, last = ((side[..., joint, :] - side[..., parent, :]).norm(dim=-1, keepdim=True) for side in (a, b))
+        length = torch.lerp(first, last, share[..., 0])
         placed.append(placed[parent] + bone * (length / bone.norm(dim=-1, keepdim=True).clamp_min(1e-9)))
     return torch.stack(placed, dim=-2)
 
