@@ -139,7 +139,7 @@ EXAMPLES: dict[str, list[Example]] = {
     ],
     "height_limit": [
         lambda s: {"limit": 1.2, "joints": ["head", "neck"]},
-        lambda s: {"limit": 0.9, "mode": "above", "joints": "pelvis", "region": {"z": [0.2, 0.5]}},
+        lambda s: {"limit": 1.1, "mode": "above", "joints": "pelvis", "region": {"z": [0.2, 0.5]}},
     ],
     "square_region": [lambda s: {"half": 0.25}],
     "barrier": [lambda s: {"stand": 1.6, "duck": 1.0, "feet": -0.1}],
