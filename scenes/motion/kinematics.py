@@ -5,7 +5,7 @@ skeleton's T-pose, a joint stands at ``p[parent] + R[parent] @ o[joint]``. Posit
 itself. It is decided so:
 
 - Where several bones leave a joint (hips and spine the pelvis, neck and collars the chest) they alone decide
-  (`scenes.motion.rigid.turns`). Joints of a spine between two such turn as those do, by their share of the way.
+  (`scenes.motion.branches.turns`). Joints of a spine between two such turn as those do, by their share of the way.
 - Thighs and upper arms turn so that knee and elbow bend in one plane with them: a knee backward, an elbow forward as
   it lies in the T-pose. The straighter the limb, the less its plane says; then it counts how the limb bends a few
   tenths of a second before and after, and in the end how its bone would come from its parent's T-pose on the shortest
@@ -20,13 +20,13 @@ Skeletons of other names have no knees and elbows to look for: their limbs come 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenes.motion.motion import Motion
-from scenes.motion.rigid import Branch, tree_of, turns
+from scenes.motion.branches import Branch, tree_of, turns
 from scenes.motion.rotations import axes, matrices, rotation_between, steady, unit_quaternions
 from scenes.motion.skeleton import Skeleton
 
@@ -46,7 +46,24 @@ _MEMORY = 0.15
 over 30 degrees on recorded clips, and the plane of a bent limb within a degree."""
 
 
-def orientations(motion: Motion) -> Float[Tensor, "*b T J 3 3"]:
+@runtime_checkable
+class Moving(Protocol):
+    """What is asked of a motion, which knows its own rotations (`scenes.motion.motion.Motion.rotations`)."""
+
+    @property
+    def joints(self) -> Float[Tensor, "*b T J 3"]: ...
+
+    @property
+    def valid(self) -> Bool[Tensor, "*b T"]: ...
+
+    @property
+    def fps(self) -> float: ...
+
+    @property
+    def skeleton(self) -> Skeleton: ...
+
+
+def orientations(motion: Moving) -> Float[Tensor, "*b T J 3 3"]:
     """How every joint is turned in the world, against the T-pose, by the module's rule; differentiable in the joints.
 
     All of a motion decides on its limbs while they are straight; everything else is decided frame by frame.
@@ -99,7 +116,7 @@ def _between(skeleton: Skeleton, branches: Mapping[int, Branch]) -> dict[int, tu
 
 
 def _across(
-    first: Float[Tensor, "*b T 3"], upper: Float[Tensor, "*b T 3"], lower: Float[Tensor, "*b T 3"], motion: Motion
+    first: Float[Tensor, "*b T 3"], upper: Float[Tensor, "*b T 3"], lower: Float[Tensor, "*b T 3"], motion: Moving
 ) -> Float[Tensor, "*b T 3"]:
     """Directions about which a limb's hinge bends, given the one that it has where nothing tells another."""
     upper, lower = (bone / (bone.square().sum(-1, keepdim=True) + 1e-12).sqrt() for bone in (upper, lower))
@@ -113,14 +130,14 @@ def _across(
 
 def _around(seen: Float[Tensor, "*b T 2"], fps: float) -> Float[Tensor, "*b T 2"]:
     """What the frames around each have seen, the near ones most."""
-    size = 2 * seen.shape[-2]
+    size = max(2 * seen.shape[-2], 2)
     away = torch.arange(size, dtype=seen.dtype, device=seen.device)
     kernel = torch.exp(-torch.minimum(away, size - away) / (_MEMORY * fps))
     spectrum = torch.fft.rfft(kernel * (_AROUND / kernel.sum()))[:, None] * torch.fft.rfft(seen, size, dim=-2)
     return torch.fft.irfft(spectrum, size, dim=-2)[..., : seen.shape[-2], :]
 
 
-def local_rotations(motion: Motion) -> Float[Tensor, "*b T J 4"]:
+def local_rotations(motion: Moving) -> Float[Tensor, "*b T J 4"]:
     """Unit quaternions (w, x, y, z) of every joint against its parent, the root's in the world; continuous in time."""
     turned = orientations(motion)
     above = turned[..., tree_of(motion.skeleton).parents, :, :]
