@@ -29,6 +29,8 @@ def rigid(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
 def on_bones(joints: Float[Tensor, "*b J 3"], skeleton: Skeleton) -> Float[Tensor, "*b J 3"]:
     """Joints (m) on a skeleton's bones: the root where it was, bones in their directions."""
     tree = tree_of(skeleton)
+    if not tree.parents:
+        return joints
     bones = joints[..., 1:, :] - joints[..., tree.parents, :]
     size = (bones.square().sum(-1, keepdim=True) + SHORTEST**2).sqrt()
     placed = bones * (joints.new_tensor(tree.lengths)[:, None] / size)
