@@ -123,7 +123,8 @@ def _across(
     upper, lower = (bone / (bone.square().sum(-1, keepdim=True) + 1e-12).sqrt() for bone in (upper, lower))
     second, normal = torch.linalg.cross(upper, first), torch.linalg.cross(upper, lower)
     bend = normal.square().sum(-1, keepdim=True)  # its sine, squared
-    own = torch.stack([(normal * first).sum(-1), (normal * second).sum(-1)], dim=-1) * bend * motion.valid[..., None]
+    own = torch.stack([(normal * first).sum(-1), (normal * second).sum(-1)], dim=-1) * bend
+    own = torch.where(motion.valid[..., None], own, 0.0)
     others = _around(own, motion.fps) + own.new_tensor([_STRAIGHT**3, 0.0])
     told = own + (1 - bend) ** 2 * others
     return told[..., :1] * first + told[..., 1:] * second
@@ -133,8 +134,9 @@ def _around(seen: Float[Tensor, "*b T 2"], fps: float) -> Float[Tensor, "*b T 2"
     """What the frames around each have seen, the near ones most."""
     size = max(2 * seen.shape[-2], 2)
     away = torch.arange(size, dtype=seen.dtype, device=seen.device)
-    kernel = torch.exp(-torch.minimum(away, size - away) / (_MEMORY * fps))
-    share = _AROUND * math.tanh(0.5 / (_MEMORY * fps))  # over the sum of such a kernel without an end
+    memory = max(_MEMORY * fps, 1e-3)
+    kernel = torch.exp(-torch.minimum(away, size - away) / memory)
+    share = _AROUND * math.tanh(0.5 / memory)  # over the sum of such a kernel without an end
     spectrum = torch.fft.rfft(share * kernel)[:, None] * torch.fft.rfft(seen, size, dim=-2)
     return torch.fft.irfft(spectrum, size, dim=-2)[..., : seen.shape[-2], :]
 

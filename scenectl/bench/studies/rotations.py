@@ -6,7 +6,7 @@ moved by smooth random rotations within the limits of people's joints tells what
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -49,8 +49,8 @@ LIMITS = {
 }
 """Degrees about x, y and z (of the left side) within which joints of people stay, by the beginning or end of a name.
 
-Rounded from the ranges of motion of the American Academy of Orthopaedic Surgeons (Joint Motion, 1965). Bones of the
-upper limbs swing first and then turn about themselves (thighs about y, upper arms about x). Forearms turn at the wrist.
+They lie within the ranges that the American Academy of Orthopaedic Surgeons gives (Joint Motion, 1965). Bones of upper
+limbs swing first and then turn about themselves (thighs about y, upper arms about x). Forearms turn at the wrist.
 """
 _SWEEP = 0.4
 """Seconds: width of the Gaussian that smooths random angles, which makes joints turn as fast as in a brisk walk."""
@@ -61,7 +61,7 @@ def bench_rotations(
     split: str = "test",
     animated: int = 30,
     seed: int = 0,
-    files: Iterable[Path] = (),
+    files: Sequence[Path] = (),
     generator: Generator | None = None,
     engine: Engine = ENGINE,
 ) -> Result:
@@ -85,8 +85,8 @@ def bench_rotations(
     ]
     cases += [("animated", partial(_errors, seed + i)) for i in range(animated)]
     cases += [(str(path), lambda path=path: _figures(load_motion(path), "file", str(path))) for path in files]
-    prompts = () if generator is None else (*PROMPTS, *LONG)
-    cases += [(words, partial(_made, generator, words, seconds, seed)) for words, seconds in prompts]
+    if generator is not None:
+        cases += [(words, partial(_made, generator, words, seconds, seed)) for words, seconds in (*PROMPTS, *LONG)]
     settings = {"bench": "rotations", "split": split, "seed": seed, "files": [str(path) for path in files]}
     result = engine.run(cases, lambda case: case(), _summary, settings)
     return result if "left" in result else {"summary": result["summary"], "rows": [*_table(result["rows"])]}
@@ -160,10 +160,8 @@ def animated(frames: int, seed: int, fps: float = 20.0) -> tuple[Float[Tensor, "
     world = local[:1]
     for joint, parent in enumerate(HUMANML3D.parents[1:], 1):
         world.append(world[parent] @ local[joint])
-    joints = forward(
-        unit_quaternions(torch.stack(local, dim=1)), torch.zeros(frames, 3, dtype=torch.float64), HUMANML3D
-    )
-    return torch.stack(world, dim=1), Motion(joints, fps=fps)
+    turns, root = unit_quaternions(torch.stack(local, dim=1)), torch.zeros(frames, 3, dtype=torch.float64)
+    return torch.stack(world, dim=1), Motion(forward(turns, root, HUMANML3D), fps=fps)
 
 
 def _errors(seed: int) -> list[Row]:
