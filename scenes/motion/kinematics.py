@@ -9,7 +9,7 @@ itself. It is decided so:
 - Thighs and upper arms turn so that knee and elbow bend in one plane with them: a knee backward, an elbow forward as
   it lies in the T-pose. The straighter the limb, the less its plane says; then it counts how the limb bends a few
   tenths of a second before and after, and in the end how its bone would come from its parent's T-pose on the shortest
-  way. So a limb may be straight, or bent by up to 20 degrees the wrong way, and does not flip.
+  way. So a limb may be straight, or bent by up to 17 degrees the wrong way, and does not flip.
 - All other bones come from where their parents carry them on the shortest way: shins and forearms (for which that is
   a turn of the hinge), collars, necks, and feet by their toes.
 - Wrists, toes and the head turn as their parents do, and so does what has no bone to tell.
@@ -38,11 +38,11 @@ HINGES = {
     "right_shoulder": ("right_elbow", "right_wrist", (0.0, 1.0, 0.0)),
 }
 """By the joint that a limb turns about: its hinge, its end, and the axis about which the hinge bends in the T-pose."""
-_STRAIGHT = 0.35
-"""Sine of the bend (20 degrees) at which a limb's own plane counts as much as the shortest way."""
+_STRAIGHT = 0.3
+"""Sine of the bend (17 degrees) at which a limb's own plane counts as much as the shortest way."""
 _AROUND = 2.0
 """How often the planes of the frames around together count what a frame's own does."""
-_MEMORY = 0.15
+_MEMORY = 0.25
 """Seconds over which those frames count e times less. All three as `scenectl bench rotations` finds fewest turns of
 over 30 degrees on recorded clips, and the plane of a bent limb within a degree."""
 
