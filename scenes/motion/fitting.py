@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from scenes.motion.bones import bone_lengths
+from scenes.motion.branches import tree_of, turns
 from scenes.motion.motion import Motion
-from scenes.motion.rigid import tree_of, turns
 from scenes.motion.skeleton import Skeleton, with_lengths
 
 SAME = 0.001

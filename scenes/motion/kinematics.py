@@ -5,11 +5,11 @@ skeleton's T-pose, a joint stands at ``p[parent] + R[parent] @ o[joint]``. Posit
 itself. It is decided so:
 
 - Where several bones leave a joint (hips and spine the pelvis, neck and collars the chest) they alone decide
-  (`scenes.motion.rigid.turns`). Joints of a spine between two such turn as those do, by their share of the way.
+  (`scenes.motion.branches.turns`). Joints of a spine between two such turn as those do, by their share of the way.
 - Thighs and upper arms turn so that knee and elbow bend in one plane with them: a knee backward, an elbow forward as
   it lies in the T-pose. The straighter the limb, the less its plane says; then it counts how the limb bends a few
   tenths of a second before and after, and in the end how its bone would come from its parent's T-pose on the shortest
-  way. So a limb may be straight, or bent by up to 20 degrees the wrong way, and does not flip.
+  way. So a limb may be straight, or bent by up to 17 degrees the wrong way, and does not flip.
 - All other bones come from where their parents carry them on the shortest way: shins and forearms (for which that is
   a turn of the hinge), collars, necks, and feet by their toes.
 - Wrists, toes and the head turn as their parents do, and so does what has no bone to tell.
@@ -19,14 +19,15 @@ Skeletons of other names have no knees and elbows to look for: their limbs come 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenes.motion.motion import Motion
-from scenes.motion.rigid import Branch, tree_of, turns
+from scenes.motion.branches import Branch, tree_of, turns
 from scenes.motion.rotations import axes, matrices, rotation_between, steady, unit_quaternions
 from scenes.motion.skeleton import Skeleton
 
@@ -37,16 +38,33 @@ HINGES = {
     "right_shoulder": ("right_elbow", "right_wrist", (0.0, 1.0, 0.0)),
 }
 """By the joint that a limb turns about: its hinge, its end, and the axis about which the hinge bends in the T-pose."""
-_STRAIGHT = 0.35
-"""Sine of the bend (20 degrees) at which a limb's own plane counts as much as the shortest way."""
+_STRAIGHT = 0.3
+"""Sine of the bend (17 degrees) at which a limb's own plane counts as much as the shortest way."""
 _AROUND = 2.0
 """How often the planes of the frames around together count what a frame's own does."""
-_MEMORY = 0.15
+_MEMORY = 0.25
 """Seconds over which those frames count e times less. All three as `scenectl bench rotations` finds fewest turns of
 over 30 degrees on recorded clips, and the plane of a bent limb within a degree."""
 
 
-def orientations(motion: Motion) -> Float[Tensor, "*b T J 3 3"]:
+@runtime_checkable
+class Moving(Protocol):
+    """What is asked of a motion, which knows its own rotations (`scenes.motion.motion.Motion.rotations`)."""
+
+    @property
+    def joints(self) -> Float[Tensor, "*b T J 3"]: ...
+
+    @property
+    def valid(self) -> Bool[Tensor, "*b T"]: ...
+
+    @property
+    def fps(self) -> float: ...
+
+    @property
+    def skeleton(self) -> Skeleton: ...
+
+
+def orientations(motion: Moving) -> Float[Tensor, "*b T J 3 3"]:
     """How every joint is turned in the world, against the T-pose, by the module's rule; differentiable in the joints.
 
     All of a motion decides on its limbs while they are straight; everything else is decided frame by frame.
@@ -99,13 +117,14 @@ def _between(skeleton: Skeleton, branches: Mapping[int, Branch]) -> dict[int, tu
 
 
 def _across(
-    first: Float[Tensor, "*b T 3"], upper: Float[Tensor, "*b T 3"], lower: Float[Tensor, "*b T 3"], motion: Motion
+    first: Float[Tensor, "*b T 3"], upper: Float[Tensor, "*b T 3"], lower: Float[Tensor, "*b T 3"], motion: Moving
 ) -> Float[Tensor, "*b T 3"]:
     """Directions about which a limb's hinge bends, given the one that it has where nothing tells another."""
     upper, lower = (bone / (bone.square().sum(-1, keepdim=True) + 1e-12).sqrt() for bone in (upper, lower))
     second, normal = torch.linalg.cross(upper, first), torch.linalg.cross(upper, lower)
     bend = normal.square().sum(-1, keepdim=True)  # its sine, squared
-    own = torch.stack([(normal * first).sum(-1), (normal * second).sum(-1)], dim=-1) * bend * motion.valid[..., None]
+    own = torch.stack([(normal * first).sum(-1), (normal * second).sum(-1)], dim=-1) * bend
+    own = torch.where(motion.valid[..., None], own, 0.0)
     others = _around(own, motion.fps) + own.new_tensor([_STRAIGHT**3, 0.0])
     told = own + (1 - bend) ** 2 * others
     return told[..., :1] * first + told[..., 1:] * second
@@ -113,15 +132,16 @@ def _across(
 
 def _around(seen: Float[Tensor, "*b T 2"], fps: float) -> Float[Tensor, "*b T 2"]:
     """What the frames around each have seen, the near ones most."""
-    if not (size := 2 * seen.shape[-2]):
-        return seen
+    size = max(2 * seen.shape[-2], 2)
     away = torch.arange(size, dtype=seen.dtype, device=seen.device)
-    kernel = torch.exp(-torch.minimum(away, size - away) / max(_MEMORY * fps, 1e-3))
-    spectrum = torch.fft.rfft(kernel * (_AROUND / kernel.sum()))[:, None] * torch.fft.rfft(seen, size, dim=-2)
+    memory = max(_MEMORY * fps, 1e-3)
+    kernel = torch.exp(-torch.minimum(away, size - away) / memory)
+    share = _AROUND * math.tanh(0.5 / memory)  # over the sum of such a kernel without an end
+    spectrum = torch.fft.rfft(share * kernel)[:, None] * torch.fft.rfft(seen, size, dim=-2)
     return torch.fft.irfft(spectrum, size, dim=-2)[..., : seen.shape[-2], :]
 
 
-def local_rotations(motion: Motion) -> Float[Tensor, "*b T J 4"]:
+def local_rotations(motion: Moving) -> Float[Tensor, "*b T J 4"]:
     """Unit quaternions (w, x, y, z) of every joint against its parent, the root's in the world; continuous in time."""
     turned = orientations(motion)
     above = turned[..., tree_of(motion.skeleton).parents, :, :]

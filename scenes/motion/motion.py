@@ -17,6 +17,7 @@ from scenes.archive import load_npz, npz_headers
 from scenes.errors import UserError
 from scenes.files import atomic_write, readable
 from scenes.motion.frames import HOME, Place, about_y, back, fine_enough, shifted
+from scenes.motion.kinematics import local_rotations
 from scenes.motion.rates import stride_of
 from scenes.motion.skeleton import HUMANML3D, Skeleton, with_lengths
 from scenes.motion.sound import check_places, check_rate, check_rotations, check_shapes, check_times, check_valid
@@ -109,8 +110,6 @@ class Motion:
         With the skeleton's offsets and the root's positions they give rigid bodies' joints back; see
         `scenes.motion.kinematics`, which has the rule for what joints leave open.
         """
-        from scenes.motion.kinematics import local_rotations  # it takes motions
-
         return local_rotations(self)
 
     def frame_at(self, seconds: float) -> int:

@@ -72,12 +72,16 @@ def check_valid(valid: np.ndarray) -> None:
 
 
 def check_rotations(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise ValueError for `rotations` that are no unit quaternions, one for each of `joints` ``[*b, T, J, 3]``."""
+    """Raise ValueError for `rotations` that are no unit quaternions, one for each of `joints` ``[*b, T, J, 3]``.
+
+    Those of padding may be anything.
+    """
     if "rotations" not in arrays:
         return
     rotations, wanted = arrays["rotations"], (*arrays["joints"].shape[:-1], 4)
     if rotations.shape != wanted:
         raise ValueError(f"its 'rotations' have shape {rotations.shape}; they are quaternions w, x, y, z, {wanted}")
+    rotations = rotations[arrays["valid"].astype(bool)] if "valid" in arrays else rotations
     if not np.isfinite(rotations).all():
         raise ValueError("its 'rotations' are not finite numbers; leave them out, and they are made of the joints")
     if (off := float(np.abs(np.linalg.norm(rotations, axis=-1) - 1).max())) > UNIT:

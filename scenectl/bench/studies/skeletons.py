@@ -13,7 +13,8 @@ from torch import Tensor
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.data.corpus import Clip, load_motions
-from scenes.motion.rigid import on_bones, tree_of, turns
+from scenes.motion.branches import tree_of, turns
+from scenes.motion.rigid import on_bones
 from scenes.motion.skeleton import COLLAR, HIP, HUMANML3D
 
 PARTS = {"hip": ("left_hip", "right_hip"), "collar": ("left_collar", "right_collar")}

@@ -10,8 +10,9 @@ import torch
 from hypothesis import given, settings, strategies as st
 
 from scenes.motion.bones import bone_lengths, rest_lengths, rest_pose
+from scenes.motion.branches import tree_of, turns
 from scenes.motion.motion import Motion
-from scenes.motion.rigid import on_bones, rigid, tree_of, turns
+from scenes.motion.rigid import on_bones, rigid
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 LONE = Skeleton(("root",), (-1,), ((0.0, 0.0, 0.0),))
