@@ -71,6 +71,13 @@ def diagnosis(objective: Objective, motion: Motion, context: Context) -> str | N
     return "; ".join(said)
 
 
+def out_of_reach(objective: Objective, motion: Motion, context: Context) -> int:
+    """How many targets no body could meet, beside the others and the start of one motion ``[T, J, 3]``."""
+    with torch.no_grad():
+        targets = [target for term in objective.counted for target in _targets(term, motion, context)]
+    return sum(bool(_conflicts(target, targets, motion)) for target in targets)
+
+
 def _targets(term: Term, motion: Motion, context: Context) -> list[_Target]:
     found = term.evaluate(motion, context)
     size, active = found.square.sqrt(), found.mask.nonzero().tolist()

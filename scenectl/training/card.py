@@ -91,6 +91,7 @@ def _row(part: str, loop: Loop) -> tuple[str, ...]:
 def _draw_curves(loops: Mapping[str, Loop], path: Path) -> None:
     from matplotlib.figure import Figure  # without pyplot, so that no window system is asked for
 
+    loops = {part: loop for part, loop in loops.items() if loop.curve} or loops
     figure = Figure(figsize=(4 * len(loops), 3), layout="constrained")
     for axis, (part, loop) in zip(figure.subplots(1, len(loops), squeeze=False)[0], loops.items(), strict=True):
         axis.plot([p["iteration"] for p in loop.curve], [p["loss"] for p in loop.curve], linewidth=1)

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from objectives import Objective, Term, diagnosis
+from objectives.diagnosis import out_of_reach
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 from tests.objectives.cases import context, standing
@@ -69,6 +70,11 @@ def test_two_hands_cannot_be_torn_apart() -> None:
     assert said is not None
     assert said.startswith(f"right hand: the target (right wrist, 1.00 s) is {100 * span:.0f} cm out of reach of the ")
     assert said.endswith("; the others to 0 mm")
+
+
+def test_targets_out_of_reach_are_counted_whether_they_are_met_or_not() -> None:
+    for move, count in (({}, 0), ({1: [0.02, 0, 0]}, 0), ({1: [0.0, 9.0, 0.0]}, 1)):
+        assert out_of_reach(Objective((wrist([1.0, 2.9], move),)), motion(), context()) == count
 
 
 def test_innocent_neighbours_of_a_culprit_are_not_called_out_of_reach() -> None:

@@ -88,6 +88,12 @@ def test_what_does_not_fit(table: dict[str, Any], sentence: str) -> None:
     assert str(caught.value) == sentence
 
 
+def test_a_goal_of_earlier_versions_is_told_apart_from_a_name_that_was_never_one() -> None:
+    with pytest.raises(UserError, match="goal 'bone_length' is gone: bones of all that is generated are rigid"):
+        Term("bone_length")
+    assert "bone_length" not in {spec.name for spec in goals()}
+
+
 def test_unknown_goals_name_the_nearest() -> None:
     with pytest.raises(UserError, match="unknown goal 'joint_tarket'; did you mean 'joint_target'"):
         Term("joint_tarket")

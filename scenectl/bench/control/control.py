@@ -158,6 +158,7 @@ def _row(method: str, case: Case, motion: Motion, before: Motion, scorer: Scorer
         "joint": case.keyframes.joint,
         "density": case.density,
         "frames": motion.frames,
+        "out_of_reach": case.keyframes.out_of_reach(motion),
         "average_error_m": float(error.mean()),
         "location_error": float((error > FAILED).float().mean()),
         "trajectory_error": float((error > FAILED).any()),

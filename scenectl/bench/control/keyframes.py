@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from objectives import Context, Objective, Term
+from objectives.diagnosis import out_of_reach
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.control import SolverSettings
 from scenectl.data.corpus import Clip, load_motions
@@ -94,6 +95,10 @@ class Keyframes:
             solver=solver, seed=self.seed,
         )  # fmt: skip
 
+    def out_of_reach(self, motion: Motion) -> int:
+        """How many of the keyframes no body with the bones of one motion ``[1, T, J, 3]`` can meet."""
+        return out_of_reach(Objective((self.goal(0.002),)), motion[0], ON_FLOOR)
+
     def errors(self, motion: Motion) -> Float[Tensor, " K"]:
         """Distances (m) of one motion ``[1, T, J, 3]`` from the keyframes."""
         at = (self.at * (motion.fps / FPS)).round().long()
@@ -121,7 +126,8 @@ def bench_keyframes(
         engine: tells progress, keeps rows and goes on from them.
 
     Returns:
-        ``{"summary": ..., "rows": ...}``; metres, seconds, ratios.
+        ``{"summary": ..., "rows": ...}``; metres, seconds, ratios. Motions with targets out of a body's reach are
+        counted (`out_of_reach`) and left out of the means.
     """
     settings = {"bench": "keyframes", "data": data, "clips": clips, "keyframes": keyframes, "seed": seed}
     return engine.run(
@@ -169,6 +175,7 @@ def _row(generator: Generator, asked: Keyframes, solver: SolverSettings) -> Row:
         "source": asked.clip.source,
         "joint": asked.joint,
         "frames": asked.real.frames,
+        "out_of_reach": asked.out_of_reach(made.motion),
         "average_error_m": float(error.mean()),
         "location_error": float((error > FAILED).float().mean()),
         "trajectory_error": float((error > FAILED).any()),
@@ -185,6 +192,8 @@ def _row(generator: Generator, asked: Keyframes, solver: SolverSettings) -> Row:
 
 
 def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    beyond = sum(row["out_of_reach"] > 0 for row in rows)
+    rows = [row for row in rows if not row["out_of_reach"]] or rows
     figures = [key for key, value in rows[0].items() if isinstance(value, float) and key != "seconds"]
     means = {key: statistics.fmean(row[key] for row in rows) for key in figures}
     by_joint = {
@@ -192,4 +201,9 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         for joint in JOINTS
         if any(row["joint"] == joint for row in rows)
     }
-    return {**means, "median_seconds": statistics.median(row["seconds"] for row in rows), "error_by_joint_m": by_joint}
+    return {
+        "out_of_reach": beyond,
+        **means,
+        "median_seconds": statistics.median(row["seconds"] for row in rows),
+        "error_by_joint_m": by_joint,
+    }

@@ -16,9 +16,10 @@ from scenectl.control.refine.stages import Stage, polish, relieve, search
 from scenectl.control.solvers.problem import Solution
 from scenectl.control.start import MovedStep
 from scenectl.generators.base import Step
-from scenectl.generators.steps import AUTOGRAD, DecodedStep
+from scenectl.generators.steps import AUTOGRAD, DecodedStep, MappedStep
 from scenes.body.body import DEFAULT_BODY
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
 from scenes.world.scene import Scene
 from tests.scenectl.generators.test_steps import pair
 from tests.scenectl.small import walk
@@ -30,6 +31,11 @@ WAY = [0.1 * i for i in range(1, 20)]
 
 def walkers(samples: int = 2) -> Motion:
     return Motion(torch.stack([walk(40, 1.0 + 0.1 * i) for i in range(samples)]))
+
+
+def smooth(motion: Motion) -> Step:
+    """What families without a step of their own are refined by."""
+    return MappedStep(SmoothStep.of(motion), rigid)
 
 
 def reach(*places: list[float], tolerance: float = 0.005) -> Objective:
@@ -49,7 +55,7 @@ def copied(found: Solution) -> tuple[Tensor, Tensor, list[str], int]:
 
 @pytest.mark.parametrize("stage", [relieve, polish])
 def test_stages_change_neither_what_they_are_given_nor_their_setting(stage: Stage) -> None:
-    step = SmoothStep.of(walkers())
+    step = smooth(walkers())
     near = (step.motion[0].joint("left_wrist")[10] + torch.tensor([0.004, 0.0, 0.0])).tolist()
     setting = Setting(step, high() if stage is relieve else reach(near, tolerance=0.0001), CONTEXT, SolverSettings())
     stuck = Solution("lm", step.value.flatten(1), torch.ones(2), ["no progress"] * 2, 7)
@@ -79,14 +85,11 @@ def test_a_lifted_sample_alone_is_solved_anew_for_smooth_moves_too() -> None:
     """Samples have motions of their own, which go with them when only some are searched for."""
     motion = walkers(3)
     goals = high()
-    got = refine(SmoothStep.of(motion), goals, CONTEXT)
+    got = refine(smooth(motion), goals, CONTEXT)
     assert got.solution is not None
     for i in range(3):
-        alone = refine(
-            SmoothStep.of(replace(motion, joints=motion.joints[i : i + 1], valid=motion.valid[i : i + 1])),
-            goals,
-            CONTEXT,
-        )
+        one = replace(motion, joints=motion.joints[i : i + 1], valid=motion.valid[i : i + 1])
+        alone = refine(smooth(one), goals, CONTEXT)
         assert float((alone.motion.joints[0] - got.motion.joints[i]).abs().max()) < 0.05
     assert "lifted" in got.solution.reasons
 
@@ -131,7 +134,7 @@ def test_every_tensor_is_made_where_the_value_is(solver: str, free: bool) -> Non
     goals = Objective((*high().terms, walls))
     start = FreeStart((0.0, 0.0, 0.0)) if free else None
     settings = SolverSettings(name=solver, iterations=6, lead=2)  # type: ignore[arg-type]
-    step = SmoothStep.of(motion)
+    step = smooth(motion)
     with torch.device("meta"):
         got = refine(step, goals, CONTEXT, settings, start)
     assert got.motion.joints.device.type == "cpu" and got.solution is not None

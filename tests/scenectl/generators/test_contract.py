@@ -93,11 +93,12 @@ def test_samples_of_a_batch_are_those_of_singles(generator: Generator) -> None:
     assert step is not None and witness.steps
     goal = Objective((Term("joint_target", {"joint": "head", "position": [0.6, 1.4, -0.5]}, at=1.5),))
     guide = ObjectiveGuide(goal, context())
-    whole = refine(step, goal, context(), SolverSettings(iterations=8)).motion.joints
+    few = SolverSettings(iterations=3)  # random networks crumple bodies, whose bones turn far at every rounding
+    whole = refine(step, goal, context(), few).motion.joints
     for i in range(3):
         one = step.at(step.value[i : i + 1])
         torch.testing.assert_close(one.motion.joints[0], step.motion.joints[i], atol=1e-4, rtol=1e-4)
-        alone = refine(one, goal, context(), SolverSettings(iterations=8)).motion.joints
+        alone = refine(one, goal, context(), few).motion.joints
         torch.testing.assert_close(alone[0], whole[i], atol=5e-3, rtol=0)
     for shown in witness.steps:
         other = shown.value.clone()
@@ -112,7 +113,7 @@ def test_every_goal_steers_it(generator: Generator, name: str) -> None:
     keys = {key: given.pop(key) for key in ("at", "window", "weights") if key in given}
     term = Term(name, given, tolerance=0.0, **keys)
     goal = Objective((term,))
-    for height, share in product((-0.05, 0.05), (0.5, 2.0)):  # until something is amiss
+    for height, share in product((-0.05, 0.05, 0.5), (0.5, 2.0)):  # until something is amiss
         step = generator.generate(WORDS, SECONDS, Pose2D((0.0, height, 0.0)), samples=2).step
         assert step is not None
         noise = torch.randn(step.value.shape, generator=torch.Generator().manual_seed(0))
@@ -123,7 +124,7 @@ def test_every_goal_steers_it(generator: Generator, name: str) -> None:
     assert (before > 0).any()
     pull = ObjectiveGuide(goal, context()).gradient(step)
     assert pull.isfinite().all() and (pull[before > 0].flatten(1) != 0).any(1).all()
-    refined = refine(step, goal, context(), SolverSettings(iterations=12, natural=False, polish=False))
+    refined = refine(step, goal, context(), SolverSettings(iterations=40, natural=False, polish=False))
     assert (goal.cost(refined.motion, context()) < before)[before > 0].all()
 
 
