@@ -34,7 +34,7 @@ def test_every_key_has_a_type_and_a_sentence(name: str) -> None:
 
 def test_types_bounds_units_and_defaults() -> None:
     walk = {key.name: key for key in TABLES["walk"].keys}
-    assert (walk["radius"].type, walk["radius"].default, walk["radius"].unit) == ("a number over 0.05 to 1", "0.3", "m")
+    assert (walk["radius"].type, walk["radius"].default, walk["radius"].unit) == ("a number over 0.05 to 1", "", "m")
     assert (walk["to"].default, walk["to"].unit, walk["arrive"].unit, walk["arrive"].default) == (
         "required",
         "m",
