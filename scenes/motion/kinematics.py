@@ -19,6 +19,7 @@ Skeletons of other names have no knees and elbows to look for: their limbs come 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import torch
@@ -115,7 +116,8 @@ def _around(seen: Float[Tensor, "*b T 2"], fps: float) -> Float[Tensor, "*b T 2"
     size = 2 * seen.shape[-2]
     away = torch.arange(size, dtype=seen.dtype, device=seen.device)
     kernel = torch.exp(-torch.minimum(away, size - away) / (_MEMORY * fps))
-    spectrum = torch.fft.rfft(kernel * (_AROUND / kernel.sum()))[:, None] * torch.fft.rfft(seen, size, dim=-2)
+    total = 1 / math.tanh(0.5 / (_MEMORY * fps))  # over all time, so that more frames change nothing in these
+    spectrum = torch.fft.rfft(kernel * (_AROUND / total))[:, None] * torch.fft.rfft(seen, size, dim=-2)
     return torch.fft.irfft(spectrum, size, dim=-2)[..., : seen.shape[-2], :]
 
 

@@ -148,7 +148,7 @@ def finish(settings: SolverSettings, thresholds: Thresholds) -> SolverSettings:
 
 
 def leads(objective: Objective, motion: Motion, context: Context, led: float = THRESHOLDS.led) -> bool:
-    """Whether goals that pull apply at so many of the frames that they lead a body along its way (a path, a track).
+    """Whether goals that draw apply at so many of the frames that they lead a body along its way (a path, a track).
 
     Steps fall at other times there than before, and fading what is far off would fade the way itself.
     """
@@ -156,7 +156,7 @@ def leads(objective: Objective, motion: Motion, context: Context, led: float = T
     def share(term: Term) -> float:
         return float(term.evaluate(motion, context).mask.any(-1).float().mean())
 
-    return any(term.spec.pulls and share(term) >= led for term in objective.counted)
+    return any(term.spec.draws and share(term) >= led for term in objective.counted)
 
 
 def walk_costs(level: bool = True, thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
@@ -185,9 +185,9 @@ def _body(thresholds: Thresholds) -> tuple[Term, ...]:
 
 
 def _with_kernel(objective: Objective, kernel: Kernel, delta: float) -> tuple[Term, ...]:
-    """The terms, with another kernel for those that pull the harder the further off a target is."""
+    """The terms, with another kernel (delta in m) for those that pull the harder the further off a target is."""
     return tuple(
-        replace(term, kernel=kernel, delta=delta)
+        replace(term, kernel=kernel, delta=delta * term.spec.metre)
         if term.spec.pulls and (term.kernel or term.spec.kernel) == "squared"
         else term
         for term in objective.counted
