@@ -20,7 +20,7 @@ from objectives.tracks import Track, TrackBase
 from scenes.errors import UserError
 from scenes.motion.bones import rest_pose
 from scenes.motion.headings import rotation_about_y
-from scenes.motion.kinematics import orientations
+from scenes.motion.kinematics import HINGES, orientations
 from scenes.motion.motion import Motion
 from scenes.motion.rotations import matrices, rotated, unit_quaternions
 from scenes.motion.skeleton import Skeleton
@@ -37,6 +37,8 @@ NEAR = 0.1
 """Metres within which a place lies in no direction from a joint, and length within which a front has no heading."""
 _SHORTEST = 0.01
 """Metres: two joints nearer than that point nowhere."""
+_OFF_HINGE = 30.0
+"""Degrees by which a hinge may turn beside its axis: a limb that is nearly straight is told by that much at most."""
 _UNIT = 0.01
 """By how much a quaternion's length may differ from 1, as it does in numbers of three digits."""
 
@@ -153,10 +155,11 @@ def joint_rotation(
     """Turn a joint, with what hangs on it, as stated.
 
     Residual: the rotation vector (deg) that is missing, beyond `within`. Rotations are against the T-pose (+z forward,
-    y up, arms to the sides) and those of `Motion.rotations`. 22 joints tell the directions of bones alone: pelvis and
-    chest are told whole; of hips and shoulders, the turn about their bone is that by which knee and elbow bend in a
-    plane; all other joints have none of their own, so what is asked of it counts and can only be met by bones. Wrists,
-    toes and the head end limbs and can't be asked.
+    y up, arms to the sides), by the rule of `scenes.motion.kinematics`. 22 joints tell where bones point, and turns
+    about a bone only of pelvis and chest. Hips and shoulders turn about theirs so that knees and elbows bend as hinges:
+    these turn about one axis of their parents, knees about x, the left elbow about -y and the right one about y. The
+    spine shares the turn from pelvis to chest, so ask the chest (spine3) against the world. Other joints turn about no
+    bone of their own. Wrists, toes and the head end limbs and can't be asked.
 
     Args:
         joint: its name.
@@ -166,14 +169,17 @@ def joint_rotation(
         within: angle that is as good, deg.
 
     Raises:
-        UserError: neither or both of quaternion and euler, a quaternion that is none, or a joint that has no bone.
+        UserError: neither or both of quaternion and euler, a quaternion that is none, a joint that has no bone, or a
+            hinge that shall turn about another axis than its own.
     """
     index, skeleton = motion.skeleton.index(joint), motion.skeleton
     if index not in skeleton.parents:
         able = ", ".join(name for j, name in enumerate(skeleton.names) if j in skeleton.parents)
         raise UserError(f"'{joint}' ends a limb, so no joint tells how it is turned; joints that can be asked: {able}")
-    turned = _turned(motion)
-    wanted = motion.joints.new_tensor(_rotation(quaternion, euler).tolist()).expand(*turned.shape[:-3], 3, 3)
+    turned, stated = _turned(motion), _rotation(quaternion, euler)
+    if frame == "parent":
+        _check_hinge(joint, stated)
+    wanted = motion.joints.new_tensor(stated.tolist()).expand(*turned.shape[:-3], 3, 3)
     if frame == "parent" and index:
         wanted = turned[..., skeleton.parents[index], :, :] @ wanted
     missing = beyond(_rotation_vector(turned[..., index, :, :] @ wanted.mT).rad2deg(), within)
@@ -252,6 +258,21 @@ def _rotation(quaternion: tuple[float, float, float, float] | None, euler: Vecto
     halves = torch.tensor(euler, dtype=torch.float64).deg2rad() / 2
     x, y, z = (matrices(torch.cat([half.cos()[None], half.sin() * torch.eye(3)[k]])) for k, half in enumerate(halves))
     return y @ x @ z
+
+
+def _check_hinge(joint: str, rotation: Float[Tensor, "3 3"]) -> None:
+    axis = next((axis for hinge, _, axis in HINGES.values() if hinge == joint), None)
+    if axis is None:
+        return
+    along = torch.tensor(axis, dtype=torch.float64)
+    turn = _rotation_vector(rotation).rad2deg()
+    aside = float(length(turn - (turn @ along) * along))
+    if aside > _OFF_HINGE:
+        shown = ["xyz"[k] if value > 0 else "-" + "xyz"[k] for k, value in enumerate(axis) if value]
+        raise UserError(
+            f"'{joint}' is a hinge that bends about {shown[0]} of its parent alone, and shall turn {aside:.0f} degrees "
+            "about other axes; turn the joint above it, or use bone_direction"
+        )
 
 
 def _rotation_vector(rotations: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 3"]:
