@@ -83,7 +83,7 @@ def face(
         raise UserError("'position' is [x, z] and so has no height to look at; give [x, y, z], or level = true")
     origin = motion.joint(PARTS[part])
     wanted, active = _wanted(origin, motion, position, track, heading, direction)
-    front = _turned(motion)[..., motion.skeleton.index(PARTS[part]), :, 2]
+    front = _turned(motion, PARTS[part])[..., 0, :, 2]
     if level:
         if direction is not None and math.hypot(direction[0], direction[2]) < 1e-3 * math.hypot(*direction):
             raise UserError(f"'direction' {list(direction)} is vertical and has no heading; give level = false")
@@ -132,7 +132,7 @@ def bone_direction(
         raise UserError(f"frame '{frame}' is for a 'direction'; places are the world's")
     wanted, active = _wanted(origin, motion, position, track, None, direction, "position, track and direction")
     if frame != "world":
-        wanted = rotated(_turned(motion)[..., motion.skeleton.index(PARTS[frame]), :, :], wanted)
+        wanted = rotated(_turned(motion, PARTS[frame])[..., 0, :, :], wanted)
     angle = angle_between(end - origin, wanted, _SHORTEST, NEAR).rad2deg()
     whole = motion.skeleton.parents[motion.skeleton.index(second)] == motion.skeleton.index(first)
     return Masked(
@@ -176,21 +176,22 @@ def joint_rotation(
     if index not in skeleton.parents:
         able = ", ".join(name for j, name in enumerate(skeleton.names) if j in skeleton.parents)
         raise UserError(f"'{joint}' ends a limb, so no joint tells how it is turned; joints that can be asked: {able}")
-    turned, stated = _turned(motion), _rotation(quaternion, euler)
-    if frame == "parent":
-        _check_hinge(joint, stated)
-    wanted = motion.joints.new_tensor(stated.tolist()).expand(*turned.shape[:-3], 3, 3)
+    above = skeleton.names[max(skeleton.parents[index], 0)]
+    (turned, over), stated = _turned(motion, joint, above).unbind(-3), _rotation(quaternion, euler)
+    wanted = motion.joints.new_tensor(stated.tolist()).expand(turned.shape)
     if frame == "parent" and index:
-        wanted = turned[..., skeleton.parents[index], :, :] @ wanted
-    missing = beyond(_rotation_vector(turned[..., index, :, :] @ wanted.mT).rad2deg(), within)
+        _check_hinge(joint, stated)
+        wanted = over @ wanted
+    missing = beyond(_rotation_vector(turned @ wanted.mT).rad2deg(), within)
     aim = Aim("rotation", unit_quaternions(wanted.detach())[..., None, :])
     return Masked(missing, labels=[joint], points=motion.joint(joint)[..., None, :], aim=aim)
 
 
-def _turned(motion: Motion) -> Float[Tensor, "*b T J 3 3"]:
-    """Rotations of all joints; of a person at rest in padding, where joints that coincide have none."""
+def _turned(motion: Motion, *joints: str) -> Float[Tensor, "*b T n 3 3"]:
+    """Rotations of joints; of a person at rest in padding, where joints that coincide have none."""
     rest = rest_pose(motion.skeleton).to(motion.joints)
-    return orientations(replace(motion, joints=torch.where(motion.valid[..., None, None], motion.joints, rest)))
+    still = replace(motion, joints=torch.where(motion.valid[..., None, None], motion.joints, rest))
+    return orientations(still, joints)
 
 
 def _wanted(

@@ -5,11 +5,11 @@ skeleton's T-pose, a joint stands at ``p[parent] + R[parent] @ o[joint]``. Posit
 itself. It is decided so:
 
 - Where several bones leave a joint (hips and spine the pelvis, neck and collars the chest) they alone decide
-  (`scenes.motion.rigid.turns`). Joints of a spine between two such turn as those do, by their share of the way.
+  (`scenes.motion.branches.turns`). Joints of a spine between two such turn as those do, by their share of the way.
 - Thighs and upper arms turn so that knee and elbow bend in one plane with them: a knee backward, an elbow forward as
-  it lies in the T-pose. The straighter the limb, the less its plane says; then it counts how the limb bends within the
-  second around, and in the end how its bone would have come from the T-pose on the shortest way. So a limb may be
-  straight, or bent a little the wrong way, and does not flip.
+  it lies in the T-pose. The straighter the limb, the less its plane says; then it counts how the limb bends a few
+  tenths of a second before and after, and in the end how its bone would come from its parent's T-pose on the shortest
+  way. So a limb may be straight, or bent by up to 20 degrees the wrong way, and does not flip.
 - All other bones come from where their parents carry them on the shortest way: shins and forearms (for which that is
   a turn of the hinge), collars, necks, and feet by their toes.
 - Wrists, toes and the head turn as their parents do, and so does what has no bone to tell.
@@ -20,14 +20,14 @@ Skeletons of other names have no knees and elbows to look for: their limbs come 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenes.motion.motion import Motion
-from scenes.motion.rigid import Branch, tree_of, turns
+from scenes.motion.branches import Branch, tree_of, turns
 from scenes.motion.rotations import axes, matrices, rotation_between, steady, unit_quaternions
 from scenes.motion.skeleton import Skeleton
 
@@ -38,45 +38,92 @@ HINGES = {
     "right_shoulder": ("right_elbow", "right_wrist", (0.0, 1.0, 0.0)),
 }
 """By the joint that a limb turns about: its hinge, its end, and the axis about which the hinge bends in the T-pose."""
-_STRAIGHT = 0.2
-"""Sine of the bend (12 degrees) at which its plane counts as much as the shortest way."""
-_AROUND = 0.5
-"""Of what a frame's own plane counts, those around it do together."""
-_MEMORY = 0.25
-"""Seconds over which planes count e times less."""
+_STRAIGHT = 0.35
+"""Sine of the bend (20 degrees) at which a limb's own plane counts as much as the shortest way."""
+_AROUND = 2.0
+"""How often the planes of the frames around together count what a frame's own does."""
+_MEMORY = 0.15
+"""Seconds over which those frames count e times less. All three as `scenectl bench rotations` finds fewest turns of
+over 30 degrees on recorded clips, and the plane of a bent limb within a degree."""
 
 
-def orientations(motion: Motion) -> Float[Tensor, "*b T J 3 3"]:
-    """How every joint is turned in the world, against the T-pose; differentiable in the joints."""
+@runtime_checkable
+class Moving(Protocol):
+    """What is asked of a motion, which knows its own rotations (`scenes.motion.motion.Motion.rotations`)."""
+
+    @property
+    def joints(self) -> Float[Tensor, "*b T J 3"]: ...
+
+    @property
+    def valid(self) -> Bool[Tensor, "*b T"]: ...
+
+    @property
+    def fps(self) -> float: ...
+
+    @property
+    def skeleton(self) -> Skeleton: ...
+
+
+def orientations(motion: Moving, names: Sequence[str] | None = None) -> Float[Tensor, "*b T n 3 3"]:
+    """How joints, by default all, are turned in the world, against the T-pose, by the module's rule; differentiable.
+
+    All of a motion decides on its limbs while they are straight; everything else is decided frame by frame.
+    """
     joints, skeleton, tree = motion.joints, motion.skeleton, tree_of(motion.skeleton)
-    bones = torch.cat([joints[..., :1, :] * 0, joints[..., 1:, :] - joints[..., tree.parents, :]], dim=-2)
+    bones = torch.cat([joints[..., :1, :], joints[..., 1:, :] - joints[..., tree.parents, :]], dim=-2)
+    branches = {branch.joint: branch for branch in tree.branches}
+    between, unit = _between(skeleton, branches), torch.eye(3).to(joints)
+    asked = list(range(len(skeleton.names))) if names is None else skeleton.indices(list(names))
+    needed = _needed(asked, skeleton, between, branches)
     turned = {
-        branch.joint: turns(bones[..., [bone + 1 for bone in branch.bones], :], branch) for branch in tree.branches
+        b.joint: turns(bones[..., [bone + 1 for bone in b.bones], :], b) for b in tree.branches if b.joint in needed
     }
-    between = _between(skeleton, {branch.joint: branch for branch in tree.branches})
-    world = torch.eye(3).to(joints).expand(*joints.shape[:-2], 3, 3)
     for joint, parent in enumerate(skeleton.parents):
-        if joint in turned:
+        if joint in turned or joint not in needed:
             continue
-        above = turned[parent] if parent >= 0 else world
-        ends = [end for end, over in enumerate(skeleton.parents) if over == joint and skeleton.bone_lengths[end] > 0]
-        if joint in between:
-            first, last, share = between[joint]
-            above = torch.lerp(turned[first], turned[last], share)
-        if not ends:
+        above = turned[parent] if parent >= 0 else unit.expand(*joints.shape[:-2], 3, 3)
+        end = _first_bone(skeleton, joint)
+        if end is None:
             turned[joint] = above
             continue
-        rest, bone = joints.new_tensor(skeleton.offsets[ends[0]]), bones[..., ends[0], :]
+        bone, rest = bones[..., end, :], joints.new_tensor(skeleton.offsets[end])
         if joint in between:
-            across = torch.eye(3).to(joints)[rest.abs().argmin()]
-            turned[joint] = axes(bone, above @ across) @ axes(rest, across).mT
+            first, last, share = between[joint]
+            across = unit[rest.abs().argmin()]
+            shared = torch.lerp(turned[first], turned[last], share) @ across
+            turned[joint] = axes(bone, shared) @ axes(rest, across).mT
             continue
         turned[joint] = rotation_between(above @ rest, bone) @ above
-        if skeleton.names[joint] in HINGES and set(HINGES[skeleton.names[joint]][:2]) <= set(skeleton.names):
-            _, end, axis = HINGES[skeleton.names[joint]]
-            lower = bones[..., skeleton.index(end), :]
-            turned[joint] = _bent(turned[joint], bone, lower, joints.new_tensor(axis), rest, motion)
-    return torch.stack([turned[joint] for joint in range(len(skeleton.names))], dim=-3)
+        limb = HINGES.get(skeleton.names[joint])
+        if limb and limb[0] == skeleton.names[end] and limb[1] in skeleton.names:
+            lower, axis = bones[..., skeleton.index(limb[1]), :], joints.new_tensor(limb[2])
+            across = _across(turned[joint] @ axis, bone, lower, motion)
+            turned[joint] = axes(bone, across) @ axes(rest, axis).mT
+    return torch.stack([turned[joint] for joint in asked], dim=-3)
+
+
+def _needed(
+    asked: Sequence[int],
+    skeleton: Skeleton,
+    between: Mapping[int, tuple[int, int, float]],
+    branches: Mapping[int, Branch],
+) -> set[int]:
+    """Joints whose rotations decide on those of others, and these."""
+    needed, waiting = set[int](), list(asked)
+    while waiting:
+        joint = waiting.pop()
+        needed.add(joint)
+        if joint in between:
+            waiting += between[joint][:2]
+        elif joint not in branches and skeleton.parents[joint] >= 0:
+            waiting.append(skeleton.parents[joint])
+    return needed
+
+
+def _first_bone(skeleton: Skeleton, joint: int) -> int | None:
+    """The joint in which the first bone ends that leaves one and has a length."""
+    ends = (child for parent, child in skeleton.bones if parent == joint and skeleton.bone_lengths[child] > 0)
+    return next(ends, None)
 
 
 def _between(skeleton: Skeleton, branches: Mapping[int, Branch]) -> dict[int, tuple[int, int, float]]:
@@ -91,37 +138,32 @@ def _between(skeleton: Skeleton, branches: Mapping[int, Branch]) -> dict[int, tu
     return found
 
 
-def _bent(
-    swung: Float[Tensor, "*b T 3 3"],
-    upper: Float[Tensor, "*b T 3"],
-    lower: Float[Tensor, "*b T 3"],
-    axis: Float[Tensor, "3"],
-    rest: Float[Tensor, "3"],
-    motion: Motion,
-) -> Float[Tensor, "*b T 3 3"]:
-    """A limb's rotation, turned about its upper bone until the hinge bends in its plane."""
-    along, beyond = (bone / (bone.square().sum(-1, keepdim=True) + 1e-12).sqrt() for bone in (upper, lower))
-    first = swung @ axis
-    second = torch.linalg.cross(along, first)
-    normal = torch.linalg.cross(along, beyond)
-    normal = normal * normal.square().sum(-1, keepdim=True)
-    seen = torch.stack([(normal * first).sum(-1), (normal * second).sum(-1)], dim=-1) * motion.valid[..., None]
-    seen = seen + _around(seen, motion.fps) + seen.new_tensor([_STRAIGHT**3, 0.0])
-    across = seen[..., :1] * first + seen[..., 1:] * second
-    return axes(upper, across) @ axes(rest, axis).mT
+def _across(
+    first: Float[Tensor, "*b T 3"], upper: Float[Tensor, "*b T 3"], lower: Float[Tensor, "*b T 3"], motion: Moving
+) -> Float[Tensor, "*b T 3"]:
+    """Directions about which a limb's hinge bends, given the one that it has where nothing tells another."""
+    upper, lower = (bone / (bone.square().sum(-1, keepdim=True) + 1e-12).sqrt() for bone in (upper, lower))
+    second, normal = torch.linalg.cross(upper, first), torch.linalg.cross(upper, lower)
+    bend = normal.square().sum(-1, keepdim=True)  # its sine, squared
+    own = torch.stack([(normal * first).sum(-1), (normal * second).sum(-1)], dim=-1) * bend
+    own = torch.where(motion.valid[..., None], own, 0.0)
+    others = _around(own, motion.fps) + own.new_tensor([_STRAIGHT**3, 0.0])
+    told = own + (1 - bend) ** 2 * others
+    return told[..., :1] * first + told[..., 1:] * second
 
 
 def _around(seen: Float[Tensor, "*b T 2"], fps: float) -> Float[Tensor, "*b T 2"]:
     """What the frames around each have seen, the near ones most."""
-    size = 2 * seen.shape[-2]
+    size = max(2 * seen.shape[-2], 2)
     away = torch.arange(size, dtype=seen.dtype, device=seen.device)
-    kernel = torch.exp(-torch.minimum(away, size - away) / (_MEMORY * fps))
-    total = 1 / math.tanh(0.5 / (_MEMORY * fps))  # over all time, so that more frames change nothing in these
-    spectrum = torch.fft.rfft(kernel * (_AROUND / total))[:, None] * torch.fft.rfft(seen, size, dim=-2)
+    memory = max(_MEMORY * fps, 1e-3)
+    kernel = torch.exp(-torch.minimum(away, size - away) / memory)
+    share = _AROUND * math.tanh(0.5 / memory)  # over the sum of such a kernel without an end
+    spectrum = torch.fft.rfft(share * kernel)[:, None] * torch.fft.rfft(seen, size, dim=-2)
     return torch.fft.irfft(spectrum, size, dim=-2)[..., : seen.shape[-2], :]
 
 
-def local_rotations(motion: Motion) -> Float[Tensor, "*b T J 4"]:
+def local_rotations(motion: Moving) -> Float[Tensor, "*b T J 4"]:
     """Unit quaternions (w, x, y, z) of every joint against its parent, the root's in the world; continuous in time."""
     turned = orientations(motion)
     above = turned[..., tree_of(motion.skeleton).parents, :, :]

@@ -47,6 +47,19 @@ def steady(quaternions: Float[Tensor, "*b T J 4"]) -> Float[Tensor, "*b T J 4"]:
     return quaternions * signs[..., None]
 
 
+def about(axis: int, angle: Float[Tensor, "*b"]) -> Float[Tensor, "*b 3 3"]:
+    """Rotation matrices about a coordinate axis (0 to 2) by angles in radians."""
+    vector = torch.nn.functional.one_hot(torch.tensor(axis), 3).to(angle)
+    return matrices(torch.cat([(angle / 2).cos()[..., None], (angle / 2).sin()[..., None] * vector], dim=-1))
+
+
+def angle(rotations: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b"]:
+    """By how much (rad, 0 to pi) rotations turn; without a gradient at no turn at all."""
+    x, y, z = (rotations - rotations.mT)[..., (2, 0, 1), (1, 2, 0)].unbind(-1)
+    trace = rotations.diagonal(dim1=-2, dim2=-1).sum(-1)
+    return torch.atan2((x * x + y * y + z * z).sqrt(), trace - 1)
+
+
 def axes(x: Float[Tensor, "*b 3"], y: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
     """Right-handed axes as columns: the first along x, the second in the plane of x and y."""
     x = x / (x.square().sum(-1, keepdim=True) + 1e-12).sqrt()

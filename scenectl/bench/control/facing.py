@@ -57,7 +57,7 @@ class Faced:
     @property
     def terms(self) -> tuple[Term, ...]:
         """A goal for each frame."""
-        front = orientations(self.real)[self.at, self.real.skeleton.index(PARTS[self.part]), :, 2]
+        front = orientations(self.real, [PARTS[self.part]])[self.at, 0, :, 2]
         stated = zip(self.at.tolist(), heading_of(front).tolist(), strict=True)
         return tuple(
             Term("face", {"part": self.part, "heading": heading}, at=frame / FPS, tolerance=FACED, name=f"face {k}")

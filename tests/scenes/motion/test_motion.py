@@ -12,7 +12,10 @@ from hypothesis import given, strategies as st
 
 from scenes.errors import UserError
 from scenes.motion.frames import FAR, HOME, Place, back, origin_near
+from scenes.motion.kinematics import forward
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.rigid import rigid
+from scenes.motion.skeleton import HUMANML3D
 
 MOTION = Motion(torch.rand(2, 5, 22, 3, generator=torch.Generator().manual_seed(0)), fps=25.0, t0=0.5)
 
@@ -61,6 +64,50 @@ def test_unsound_motions_are_refused_in_a_sentence(motion: Motion, message: str,
     motion.save(tmp_path / "motion.npz")
     with pytest.raises(UserError, match=rf"motion file '.*motion.npz'.*{message}.*save the motion again"):
         Motion.load(tmp_path / "motion.npz")
+
+
+def test_the_file_holds_rotations_that_carry_its_joints(tmp_path: Path) -> None:
+    motion = rigid(MOTION)
+    motion.save(tmp_path / "motion.npz")
+    with np.load(tmp_path / "motion.npz") as data:
+        assert int(data["format"]) == 2 and data["rotations"].shape == (2, 5, 22, 4)
+        skeleton = replace(HUMANML3D, offsets=tuple(map(tuple, data["offsets"].tolist())))
+        turned, root = torch.from_numpy(data["rotations"]), torch.from_numpy(data["joints"])[..., 0, :]
+        back = forward(turned, root, skeleton) - torch.from_numpy(data["joints"])
+    assert back.abs().max() < 1e-4
+
+
+HANGING = np.array([(0, 0, 0) if p < 0 else (0, -length, 0) for p, length in zip(
+    HUMANML3D.parents, HUMANML3D.bone_lengths, strict=True)])  # fmt: skip
+"""Offsets as files had them before format 2: other directions, the same lengths."""
+
+
+def test_older_files_rest_in_the_t_pose(tmp_path: Path) -> None:
+    tree = {"joint_names": np.array(HUMANML3D.names), "parents": np.array(HUMANML3D.parents)}
+    for offsets, wanted in ((HANGING, HUMANML3D.offsets), (1.2 * HANGING, 1.2 * np.array(HUMANML3D.offsets))):
+        np.savez(tmp_path / "old.npz", joints=MOTION.joints, fps=20.0, offsets=offsets, **tree)
+        np.testing.assert_allclose(Motion.load(tmp_path / "old.npz").skeleton.offsets, wanted, atol=1e-9)
+    np.savez(tmp_path / "new.npz", joints=MOTION.joints, fps=20.0, offsets=HANGING, format=2, **tree)
+    np.testing.assert_array_equal(Motion.load(tmp_path / "new.npz").skeleton.offsets, HANGING)
+
+
+@pytest.mark.parametrize(
+    ("rotations", "message"),
+    [
+        (np.zeros((2, 5, 22, 3)), r"'rotations' have shape \(2, 5, 22, 3\)"),
+        (np.full((2, 5, 22, 4), np.nan), "not finite"),
+        (np.full((2, 5, 22, 4), 0.6), "off unit length by 0.2"),
+        (np.full((2, 5, 22, 4), "0.5"), "not numbers"),
+    ],
+)
+def test_unsound_rotations_are_refused_in_a_sentence(rotations: np.ndarray, message: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "motion.npz", joints=MOTION.joints, fps=20.0, format=2, rotations=rotations)
+    with pytest.raises(UserError, match=message):
+        Motion.load(tmp_path / "motion.npz")
+    for kind in ({}, {"format": "theirs"}, {"format": 1}):  # what others call rotations is nothing to us
+        np.savez(tmp_path / "other.npz", joints=MOTION.joints, fps=20.0, rotations=rotations, **kind)
+        if not (kind == {"format": 1} and rotations.dtype.kind == "U"):
+            assert torch.equal(Motion.load(tmp_path / "other.npz").joints, MOTION.joints)
 
 
 def test_other_files_and_none_are_refused_in_a_sentence(tmp_path: Path) -> None:

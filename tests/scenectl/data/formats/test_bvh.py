@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
@@ -10,13 +11,16 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from scenectl.data.formats.bvh import convert_bvh, load_bvh, read_bvh
+from scenectl.bench.studies.rotations import animated
+from scenectl.data.formats.bvh import BvhFile, convert_bvh, load_bvh, read_bvh
 from scenectl.data.formats.people import UNITS
 from scenectl.data.joint_names import match_joints
 from scenectl.export.bvh import write_bvh
 from scenes.errors import UserError
+from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.rigid import rigid
+from scenes.motion.skeleton import HUMANML3D, tree_order, with_lengths
 
 # name -> (parent, offset in cm); sides are filled in for L and R
 SPINES = {
@@ -256,22 +260,57 @@ def real_clip(shared: Path, clip: int) -> torch.Tensor:
     return joints
 
 
+@pytest.mark.parametrize("fps", [20.0, 30.0, 60.0])
 @pytest.mark.parametrize("unit", ["m", "cm"])
-def test_what_is_written_is_read_back(unit: str, tmp_path: Path, shared: Path) -> None:
-    joints = torch.from_numpy(np.load(shared / "data" / "humanml3d" / "012314_new_joints.npy"))
-    write_bvh(Motion(joints), tmp_path / "out.bvh", unit=unit)
-    clip = convert_bvh(read_bvh(tmp_path / "out.bvh"))
+def test_what_is_written_is_read_back(unit: str, fps: float, tmp_path: Path) -> None:
+    skeleton = with_lengths(HUMANML3D, np.linspace(0.9, 1.1, 22) * HUMANML3D.bone_lengths)
+    motion = rigid(replace(animated(50, seed=int(fps))[1], fps=fps), skeleton)
+    assert write_bvh(motion, tmp_path / "out.bvh", unit=unit) == 0
+    file = read_bvh(tmp_path / "out.bvh")
+    assert [name for name in file.names if not name.endswith(".end")] == [
+        HUMANML3D.names[joint] for joint in tree_order(HUMANML3D.parents)
+    ]
+    clip = convert_bvh(file, fps=fps)
     assert clip.unit == unit and set(clip.joints) == set(HUMANML3D.names)
-    assert (clip.motion.joints - joints).abs().max() < 1e-4
+    assert (clip.motion.joints - motion.joints).abs().max() < 1e-4
+    still = convert_bvh(replace(file, values=np.zeros_like(file.values)), fps=fps).motion  # its T-pose
+    torch.testing.assert_close(still.joints[0].double(), rest_pose(skeleton), atol=1e-4, rtol=0)
 
 
-def test_real_motion_survives_writing(tmp_path: Path, shared: Path) -> None:
+def test_real_motion_is_fitted_and_survives_writing(tmp_path: Path, shared: Path) -> None:
     for number in (3, 400, 700):
         joints = real_clip(shared, number)
-        write_bvh(Motion(joints), tmp_path / "out.bvh")
-        back = load_bvh(tmp_path / "out.bvh").joints
-        assert (back - joints).norm(dim=-1).max() < 0.02  # captured bones change length by millimetres
-        assert (back - joints).norm(dim=-1).mean() < 0.005
+        moved = write_bvh(Motion(joints), tmp_path / "out.bvh")
+        away = (load_bvh(tmp_path / "out.bvh").joints - joints).norm(dim=-1)
+        assert float(away.max()) == pytest.approx(moved, abs=1e-4)
+        assert 0 < moved < 0.03 and away.mean() < 0.01  # captured spines bend within pelvis and chest by millimetres
+
+
+def test_files_of_older_versions_are_read(tmp_path: Path) -> None:
+    """They had a joint of length zero, ``<parent>_to_<child>``, for each bone that leaves a joint which branches."""
+    motion = animated(30, seed=5)[1]
+    write_bvh(motion, tmp_path / "new.bvh")
+    new = read_bvh(tmp_path / "new.bvh")
+    names, parents, offsets, channels, columns = [], [], [], [], []
+    at, taken = {-1: -1}, 0
+    for joint, (name, parent, own) in enumerate(zip(new.names, new.parents, new.channels, strict=True)):
+        values, taken = new.values[:, taken : taken + len(own)], taken + len(own)
+        above = at[parent]
+        if new.parents.count(parent) > 1 and own:
+            names.append(f"{new.names[parent]}_to_{name}")
+            parents.append(above)
+            offsets.append(np.zeros(3))
+            channels.append(own)
+            columns.append(np.zeros((len(values), len(own))))
+            above = len(names) - 1
+        at[joint] = len(names)
+        for some, one in ((names, name), (parents, above), (offsets, new.offsets[joint]), (channels, own)):
+            some.append(one)
+        columns.append(values)
+    values = np.concatenate(columns, axis=1)
+    old = BvhFile(tuple(names), tuple(parents), np.array(offsets), tuple(channels), values, new.frame_time)
+    assert len(old.names) == len(new.names) + 6
+    assert (convert_bvh(old).motion.joints - motion.joints).abs().max() < 1e-4
 
 
 def test_written_angles_do_not_jump(tmp_path: Path, shared: Path) -> None:

@@ -17,8 +17,10 @@ from scenectl.data.formats.people import UNITS
 from scenectl.export.bvh import write_bvh
 from scenes.errors import UserError
 from scenes.mesh.scale import TO_Y_UP
+from scenes.motion.kinematics import forward
 from scenes.motion.motion import Motion, Pose2D
-from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.rigid import rigid
+from scenes.motion.skeleton import HUMANML3D, with_lengths
 from tests.scenectl.small import walk
 from tests.scenes.test_archive import claiming, zipped
 
@@ -83,6 +85,30 @@ def test_what_is_saved_is_read(tmp_path: Path) -> None:
         back = reading.motion
         assert torch.equal(back.joints, made.joints) and torch.equal(back.valid, made.valid)
         assert (back.fps, back.t0, back.skeleton) == (30.0, 2.0, HUMANML3D)
+
+
+def test_other_people_keep_their_proportions(tmp_path: Path) -> None:
+    taller = rigid(Motion(torch.from_numpy(WALK)), with_lengths(HUMANML3D, 1.1 * HUMANML3D.bone_lengths))
+    back = load_motion(npz(tmp_path, joints=taller.joints.numpy()))
+    np.testing.assert_allclose(back.skeleton.bone_lengths, 1.1 * HUMANML3D.bone_lengths, atol=1e-5)
+    assert (forward(back.rotations, back.joints[:, 0], back.skeleton) - taller.joints).abs().max() < 1e-4
+    own = with_lengths(HUMANML3D, np.linspace(0.9, 1.1, 22) * HUMANML3D.bone_lengths)
+    rigid(taller, own).save(tmp_path / "own.npz")
+    assert load_motion(tmp_path / "own.npz").skeleton == own
+    write_bvh(rigid(taller, own), tmp_path / "own.bvh")
+    np.testing.assert_allclose(load_motion(tmp_path / "own.bvh").skeleton.bone_lengths, own.bone_lengths, atol=1e-5)
+
+
+@pytest.mark.parametrize("offsets", [HUMANML3D.offsets, 1.3 * np.array(HUMANML3D.offsets)])
+def test_joints_count_more_than_what_else_a_file_says(offsets: Any, tmp_path: Path) -> None:
+    walk = rigid(Motion(torch.from_numpy(WALK)))
+    walk.save(tmp_path / "x.npz", offsets=np.array(offsets), rotations=np.full((60, 22, 4), 0.5))
+    back = load_motion(tmp_path / "x.npz")
+    np.testing.assert_allclose(back.skeleton.bone_lengths, HUMANML3D.bone_lengths, atol=1e-5)
+    torch.testing.assert_close(back.rotations, walk.rotations, atol=1e-4, rtol=0)
+    walk.save(tmp_path / "x.npz", rotations=np.zeros((60, 22, 4)))
+    with pytest.raises(UserError, match="'rotations' are off unit length by 1"):
+        load_motion(tmp_path / "x.npz")
 
 
 def test_names_decide_which_joint_is_which(tmp_path: Path) -> None:
