@@ -22,7 +22,7 @@ from scenes.motion.bones import rest_pose
 from scenes.motion.headings import rotation_about_y
 from scenes.motion.kinematics import HINGES, orientations
 from scenes.motion.motion import Motion
-from scenes.motion.rotations import matrices, rotated, unit_quaternions
+from scenes.motion.rotations import about, matrices, rotated, unit_quaternions
 from scenes.motion.skeleton import Skeleton
 
 Part = Literal["pelvis", "chest", "head"]
@@ -256,8 +256,7 @@ def _rotation(quaternion: tuple[float, float, float, float] | None, euler: Vecto
         if abs(size - 1) > _UNIT:
             raise UserError(f"'quaternion' {list(quaternion)} has a length of {size:.3g}; give w, x, y, z of length 1")
         return matrices(torch.tensor(quaternion, dtype=torch.float64) / size)
-    halves = torch.tensor(euler, dtype=torch.float64).deg2rad() / 2
-    x, y, z = (matrices(torch.cat([half.cos()[None], half.sin() * torch.eye(3)[k]])) for k, half in enumerate(halves))
+    x, y, z = (about(axis, angle) for axis, angle in enumerate(torch.tensor(euler, dtype=torch.float64).deg2rad()))
     return y @ x @ z
 
 

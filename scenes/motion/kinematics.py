@@ -113,9 +113,8 @@ def _needed(
     while waiting:
         joint = waiting.pop()
         needed.add(joint)
-        if joint in between:
-            waiting += between[joint][:2]
-        elif joint not in branches and skeleton.parents[joint] >= 0:
+        waiting += between[joint][:2] if joint in between else ()
+        if joint not in branches and skeleton.parents[joint] >= 0:
             waiting.append(skeleton.parents[joint])
     return needed
 
