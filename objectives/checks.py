@@ -50,8 +50,8 @@ def standing(skeleton: Skeleton, frames: int, fps: float, t0: float, context: Co
 def _check_times(term: Term, begin: float, end: float, fps: float) -> None:
     typed = [(term.spec.parameters[name].hint, value) for name, value in term.parameters.items()]
     times = [*term.times, *(time for hint, value in typed for time in stated(hint, value, Time))]
-    # A target must lie in the motion; an obstacle may come from before it and go on after it.
-    tracks = instances(dict(term.parameters), TrackBase) if term.spec.pulls else []
+    # A target must lie in the motion; an obstacle, or what is faced, may come from before it and go on after it.
+    tracks = instances(dict(term.parameters), TrackBase) if term.spec.draws else []
     for time in times + [time for track in tracks for time in track.span]:
         if not begin - 0.5 / fps <= time <= end + 1e-6:
             raise UserError(f"{term.label}: time {time:g} s lies outside the motion, {_span(begin, end)}")

@@ -28,7 +28,7 @@ class _Target:
 
     Attributes:
         label: as a sentence names it.
-        miss: by how much it is missed, in `unit`.
+        miss: by how much it is missed, in `unit`, of which `metre` counts as one.
         met: within the tolerance.
         joint, time, place: where a joint shall be (world m, s); None for other goals.
         ground: height (m, world) of the ground under that place, where the scene knows it.
@@ -37,6 +37,7 @@ class _Target:
     label: str
     miss: float
     unit: str
+    metre: float
     met: bool
     joint: str | None = None
     time: float = 0.0
@@ -87,7 +88,7 @@ def _targets(term: Term, motion: Motion, context: Context) -> list[_Target]:
     drawn = places is not None and not bool(places.isnan().all(-1)[found.mask].any())
     if places is None or not drawn or len(active) > _DENSE:
         report = term.report(motion, context)[0]
-        return [_Target(term.name, report.worst, term.spec.unit, report.met, None, report.when or 0.0)]
+        return [_Target(term.name, report.worst, term.spec.unit, term.spec.metre, report.met, None, report.when or 0.0)]
     targets = []
     for number, (frame, entry) in enumerate(active):
         time, joint = motion.t0 + frame / motion.fps, found.joints[entry]
@@ -100,13 +101,14 @@ def _targets(term: Term, motion: Motion, context: Context) -> list[_Target]:
         label = f"{name} ({who.replace('_', ' ')}, {time:.2f} s)" if who else f"{name} ({time:.2f} s)"
         ground = None if place is None else context.ground_under(torch.tensor([place]))
         below = None if ground is None else float(ground)
-        targets.append(_Target(label, miss, term.spec.unit, miss <= term.allowed, joint, time, place, below))
+        unit, metre = term.spec.unit, term.spec.metre
+        targets.append(_Target(label, miss, unit, metre, miss <= term.allowed, joint, time, place, below))
     return targets
 
 
 def _severity(target: _Target, targets: list[_Target], motion: Motion) -> float:
     """What no body could meet comes first, then what is missed most."""
-    return 100.0 * sum(amount for amount, _ in _conflicts(target, targets, motion)) + target.miss
+    return 100.0 * sum(amount for amount, _ in _conflicts(target, targets, motion)) + target.miss / target.metre
 
 
 def _conflicts(target: _Target, targets: list[_Target], motion: Motion) -> list[tuple[float, str]]:

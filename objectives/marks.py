@@ -15,13 +15,15 @@ from torch import Tensor
 from objectives.parameters import FloorPoint, Point, instances
 from objectives.tracks import TrackBase
 
-Shape = Literal["ball", "ring", "line", "capsule"]
+Shape = Literal["ball", "ring", "line", "capsule", "arrow"]
 Role = Literal["goal", "way", "obstacle"]
 
 _SAMPLES = 120
 """Points by which a track is drawn; the bend of a circle between two is under a thousandth of its radius."""
 _AROUND = 0.2
 """Least radius (m) of the ring around a joint of which a height is asked: wider than the head or limb in it."""
+_ARROW, _PER_SPAN = 0.5, 3
+"""Metres that an arrow is long, and arrows by which a span of frames is shown: its first, middle and last."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,8 @@ class Mark:
     """One thing to draw.
 
     Attributes:
-        shape: "ball" or horizontal "ring" around each point, "line" through them, "capsule" from the first to the
-            second.
+        shape: "ball" or horizontal "ring" around each point, "line" through them, "capsule" or "arrow" from the first
+            to the second.
         points: world m, ``[P, 3]``; one set for each time, ``[T, P, 3]``, that may move. Nan heights are the floor's.
         radius: m, of balls, rings and capsules; the viewer draws what would be too small to see a little larger.
         role: "goal" is wanted, "obstacle" is kept clear of, "way" is followed.
@@ -83,6 +85,26 @@ def marks_of_targets(
             shape: Shape = "ring" if bool(free.any()) else "ball"
             size = max(radius, _AROUND) if bool(free[::2].any()) else radius
             found += [Mark(shape, place[None], size) for place in (places[:1] if steps == 1 else places)]
+    return found
+
+
+def marks_of_aims(
+    directions: Float[Tensor, "T n 3"], points: Float[Tensor, "T n 3"], mask: Bool[Tensor, "T n"]
+) -> list[Mark]:
+    """How entries shall point: arrows from where they are, at a few frames of each span in which they shall.
+
+    Args:
+        directions: unit vectors, nan where nothing is stated.
+        points: where the entries are, world m.
+        mask: frames at which they shall point so.
+    """
+    found: list[Mark] = []
+    for entry in range(directions.shape[1]):
+        for frames in _runs(mask[:, entry] & directions[:, entry].isfinite().all(-1)):
+            shown = {frames[round(share * (len(frames) - 1) / (_PER_SPAN - 1))] for share in range(_PER_SPAN)}
+            for frame in sorted(shown):
+                begin = points[frame, entry]
+                found.append(Mark("arrow", torch.stack([begin, begin + _ARROW * directions[frame, entry].to(begin)])))
     return found
 
 

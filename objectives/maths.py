@@ -63,3 +63,31 @@ def first_middle_last(motion: Motion) -> Bool[Tensor, "*b T 3"]:
     keys: Int[Tensor, "*b 3"] = torch.stack([first, first + count // 2, first + count - 1], dim=-1)
     frames = torch.arange(motion.frames, device=motion.valid.device)
     return (frames[:, None] == keys[..., None, :]) & motion.valid[..., None]
+
+
+def softened(vectors: Float[Tensor, "*s 3"], near: float) -> tuple[Float[Tensor, "*s 3"], Float[Tensor, "*s"]]:
+    """Unit vectors, and their lengths: 1, but less for vectors shorter than `near`, and 0 for those of no length.
+
+    So what has hardly a direction has none, and its gradient stays below 2 / near.
+    """
+    norm = length(vectors)
+    share = norm / near
+    short = share < 1
+    factor = torch.where(short, (2 - share) / near, 1 / torch.where(short, 1.0, norm))
+    return vectors * factor[..., None], torch.where(short, share * (2 - share), 1.0)
+
+
+def angle_between(
+    a: Float[Tensor, "*s 3"], b: Float[Tensor, "*s 3"], near_a: float, near_b: float
+) -> Float[Tensor, "*s"]:
+    """Angle (rad, 0 to pi) between vectors, which tends to a right angle as one gets shorter than its `near`.
+
+    Its gradient vanishes nowhere but at 0: opposed vectors turn about the vertical.
+    """
+    (a, size_a), (b, size_b) = softened(a, near_a), softened(b, near_b)
+    cosine, normal = (a * b).sum(-1), torch.linalg.cross(a, b)
+    side = torch.linalg.cross(torch.linalg.cross(b.detach(), b.new_tensor([0.0, 1.0, 1e-3]).expand_as(b)), b.detach())
+    sine = root(normal.square().sum(-1) + 1 - (size_a * size_b).square())
+    opposed = (cosine < 0) & (sine < 1e-6)
+    about = side / length(side)[..., None].clamp_min(1e-12)
+    return torch.where(opposed, torch.atan2((normal * about).sum(-1), cosine).abs(), torch.atan2(sine, cosine))

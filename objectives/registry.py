@@ -11,6 +11,7 @@ from typing import Any, TypeVar, get_type_hints
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from objectives.aims import A_METRE, Aim
 from objectives.docstrings import meanings
 from objectives.kernels import KERNELS, REDUCTIONS, Kernel, Reduction
 from objectives.marks import Mark
@@ -57,8 +58,9 @@ class Masked:
         targets: where each entry is drawn to, world m, of goals that pull; nan on coordinates that are free and where
             an entry is drawn nowhere. The diagnosis tells targets out of reach by it, the viewer marks them, and
             generators that take positions as inputs are told them.
-        marks: what the viewer shows, asked for only when it does; by default targets, or else the points and tracks
-            among the parameters.
+        aim: how each entry shall be turned, of goals that ask for directions or rotations; likewise marked and told.
+        marks: what the viewer shows, asked for only when it does; by default targets, or else aims and the points and
+            tracks among the parameters.
     """
 
     residual: Float[Tensor, "*b T k"]
@@ -69,6 +71,7 @@ class Masked:
     joints: Sequence[str | None] = ()
     points: Float[Tensor, "*b T n 3"] | None = None
     targets: Float[Tensor, "*b T n 3"] | None = None
+    aim: Aim | None = None
     marks: Callable[[], Sequence[Mark]] | None = None
 
 
@@ -102,7 +105,7 @@ class GoalSpec:
         kernel, reduction, scale: the defaults of a term, from the paper that states the goal.
         dim: components of one entry, where the goal itself does not say.
         tolerance: worst residual that still counts as met, where the term does not say.
-        pulls: whether it draws joints to a place however far that is, so that one out of reach is an outlier.
+        pulls: whether it draws joints to a place, or turns them, however far, so that one out of reach is an outlier.
         parameters: by name, in the order of the signature.
     """
 
@@ -118,6 +121,16 @@ class GoalSpec:
     tolerance: float
     pulls: bool
     parameters: Mapping[str, Parameter]
+
+    @property
+    def draws(self) -> bool:
+        """It draws joints to a place, and does not only turn them."""
+        return self.pulls and self.unit == "m"
+
+    @property
+    def metre(self) -> float:
+        """What counts as a metre in its unit."""
+        return A_METRE.get(self.unit, 1.0)
 
     def validate(self, given: Mapping[str, Any], folder: Path | None = None, label: str = "") -> dict[str, Any]:
         """Parameters converted to their annotated types.
@@ -176,7 +189,8 @@ def goal(
         delta: where `huber` turns linear and `geman_mcclure` flat, in `unit`.
         dim: components that make up one entry of the residual, 3 for a vector in space.
         tolerance: worst residual that still counts as met, in `unit`.
-        pulls: it draws joints to a place, however far; refinement pulls no harder where that is out of reach.
+        pulls: it draws joints to a place, or turns them, however far; refinement pulls no harder where that is out of
+            reach.
         name: name in task files, by default the function's.
         replace: replace a goal of the same name; otherwise a second one is an error.
     """

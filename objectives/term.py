@@ -12,9 +12,10 @@ import torch
 from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
+from objectives.aims import A_METRE, Aim, pointed
 from objectives.context import Context
 from objectives.kernels import Kernel, Reduction, kernel_cost, least_squares_weight
-from objectives.marks import Mark, marks_of_parameters, marks_of_targets
+from objectives.marks import Mark, marks_of_aims, marks_of_parameters, marks_of_targets
 from objectives.maths import frames_near, within
 from objectives.parameters import NotNegative, Positive, moved, parse
 from objectives.registry import EXEMPT, JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
@@ -41,6 +42,7 @@ class Evaluated:
         labels: name of each entry, or nothing.
         points: where each entry is, world m, or nothing.
         targets: where each entry is drawn to, world m, nan on what is free; or nothing.
+        aim: how each entry shall be turned, or nothing.
         marks: tells what the goal itself says that there is to see; None where it says nothing.
         skeleton: of the motion.
         owners: joints that the goal says its entries are about, where labels do not; or nothing.
@@ -54,6 +56,7 @@ class Evaluated:
     labels: tuple[str, ...]
     points: Float[Tensor, "*b T n 3"] | None
     targets: Float[Tensor, "*b T n 3"] | None
+    aim: Aim | None
     marks: Callable[[], Sequence[Mark]] | None
     skeleton: Skeleton
     owners: tuple[str | None, ...] = ()
@@ -177,8 +180,12 @@ class Term:
         return (named,) if isinstance(named, str) else tuple(named or ())
 
     def loosened(self, reach: float) -> Term:
-        """The same, counting as met within `reach` (m) of what it pulls towards; unchanged where it pulls nowhere."""
-        if not self.spec.pulls or self.spec.unit != "m" or self.allowed >= reach:
+        """The same, counting as met within `reach` (m) of what it pulls towards, or the angle that counts as much.
+
+        Unchanged where it pulls nowhere.
+        """
+        reach *= self.spec.metre
+        if not self.spec.pulls or self.spec.unit not in A_METRE or self.allowed >= reach:
             return self
         return replace(self, tolerance=reach)
 
@@ -228,15 +235,17 @@ class Term:
             mask = mask & _best_frame(_squares(residual.detach(), sizes) * weights, mask)[..., None]
         residual = torch.where(_per_component(mask, sizes), residual, 0.0)
         labels, points, targets = self._about(result, motion, len(sizes))
+        aim = None if result.aim is None else replace(result.aim, values=result.aim.values.detach())
         return Evaluated(
-            residual, _squares(residual, sizes), mask, weights, sizes, labels, points, targets, result.marks,
-            motion.skeleton, tuple(result.joints),
+            residual, _squares(residual, sizes), mask, weights, sizes, labels, points, targets, aim,
+            result.marks, motion.skeleton, tuple(result.joints),
         )  # fmt: skip
 
     def marks(self, motion: Motion, context: Context) -> list[Mark]:
         """What there is to see of the term beside one motion ``[T, J, 3]``: what its goal says, or else its targets.
 
-        Of a goal that says neither, the points and tracks among its parameters. No distance of the scene is asked.
+        Of a goal that says neither, the points and tracks among its parameters, and arrows where joints shall turn. No
+        distance of the scene is asked.
         """
         with torch.no_grad():
             return self.marks_of(self.evaluate(motion, context.unbaked))
@@ -246,9 +255,13 @@ class Term:
         if found.marks is not None:
             return list(found.marks())
         near = self.allowed if self.spec.unit == "m" else 0.0
-        if found.targets is None:
-            return marks_of_parameters(self.parameters, near)
         points = None if found.points is None else found.points[frames]
+        if found.targets is None:
+            seen = marks_of_parameters(self.parameters, near)
+            if found.aim is not None and points is not None:
+                directions = pointed(found.aim, found.joints, found.skeleton)[frames]
+                seen += marks_of_aims(directions, points, found.mask[frames])
+            return seen
         return marks_of_targets(found.targets[frames], points, found.mask[frames], near)
 
     def residual(self, motion: Motion, context: Context) -> Float[Tensor, "*b T k"]:
@@ -420,7 +433,9 @@ class Term:
             labels, points = self.joints, motion.joint(self.joints[0])[..., None, :]
         stated = {"labels": labels, "joints": result.joints}
         counts = {what: len(names) for what, names in stated.items() if names}
-        counts |= {what: p.shape[-2] for what, p in (("points", points), ("targets", targets)) if p is not None}
+        aims = None if result.aim is None else result.aim.values
+        given = (("points", points), ("targets", targets), ("aims", aims))
+        counts |= {what: p.shape[-2] for what, p in given if p is not None}
         for what, count in counts.items():
             if count != entries:
                 raise UserError(f"{self.label}: its {what} must be as many as its {entries} entries")

@@ -7,7 +7,7 @@ ignore them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -24,10 +24,12 @@ class Conditions:
         times: seconds of the motion.
         joints: index of the joint in the skeleton.
         positions: of the joint, world m; 0 where masked.
-        directions: unit vectors from the joint to its child, world; 0 where masked.
+        directions: unit vectors along the bone that ends in the joint, world; 0 where masked.
+        fronts: unit vectors along the z axis of the joint's rotation, world; 0 where masked.
         rotations: of the joint, world, unit quaternions w, x, y, z; (1, 0, 0, 0) where masked.
         contacts: 1 where the joint shall stand on something.
         position_mask: the coordinates that are stated: a place on the floor leaves y open.
+        front_mask: likewise: where y is open, the front has that heading.
         direction_mask, rotation_mask, contact_mask: whether each is stated.
         skeleton: whose joints they are.
     """
@@ -36,38 +38,51 @@ class Conditions:
     joints: Int[Tensor, " K"]
     positions: Float[Tensor, "K 3"]
     directions: Float[Tensor, "K 3"]
+    fronts: Float[Tensor, "K 3"]
     rotations: Float[Tensor, "K 4"]
     contacts: Float[Tensor, " K"]
     position_mask: Bool[Tensor, "K 3"]
     direction_mask: Bool[Tensor, " K"]
+    front_mask: Bool[Tensor, "K 3"]
     rotation_mask: Bool[Tensor, " K"]
     contact_mask: Bool[Tensor, " K"]
     skeleton: Skeleton = HUMANML3D
 
     @classmethod
-    def of_positions(
-        cls,
-        times: Float[Tensor, " K"],
-        joints: Int[Tensor, " K"],
-        positions: Float[Tensor, "K 3"],
-        skeleton: Skeleton = HUMANML3D,
-    ) -> Conditions:
-        """Positions alone; a coordinate that is not a number is left open."""
-        count, stated = len(times), positions.isfinite()
-        none = torch.zeros(count, dtype=torch.bool, device=times.device)
+    def none(cls, times: Float[Tensor, " K"], joints: Int[Tensor, " K"], skeleton: Skeleton = HUMANML3D) -> Conditions:
+        """About those joints at those times, and nothing stated of them."""
+        count = len(times)
+        zeros, none = times.new_zeros(count, 3), torch.zeros(count, 3, dtype=torch.bool, device=times.device)
         return cls(
             times=times,
             joints=joints,
-            positions=positions.nan_to_num(0.0, 0.0, 0.0),
-            directions=positions.new_zeros(count, 3),
-            rotations=positions.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(count, 4),
-            contacts=positions.new_zeros(count),
-            position_mask=stated,
-            direction_mask=none,
-            rotation_mask=none,
-            contact_mask=none,
+            positions=zeros,
+            directions=zeros,
+            fronts=zeros,
+            rotations=times.new_tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
+            contacts=zeros[:, 0],
+            position_mask=none,
+            direction_mask=none[:, 0],
+            front_mask=none,
+            rotation_mask=none[:, 0],
+            contact_mask=none[:, 0],
             skeleton=skeleton,
         )
+
+    def stating(self, what: str, which: slice, values: Float[Tensor, "n d"]) -> Conditions:
+        """The same, where some statements are stated to be such values; what is not a number is left open.
+
+        Args:
+            what: "positions", "directions", "fronts" or "rotations".
+            which: of the K statements, n.
+            values: as the field has them.
+        """
+        mask = f"{what[:-1]}_mask"
+        kept, known = getattr(self, what).clone(), getattr(self, mask).clone()
+        stated = values.isfinite()
+        kept[which] = torch.where(stated, values, kept[which])
+        known[which] = stated if known.ndim == 2 else stated.all(-1)
+        return replace(self, **{what: kept, mask: known})
 
     def __len__(self) -> int:
         return len(self.times)

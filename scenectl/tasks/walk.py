@@ -183,14 +183,14 @@ def _legs(path: np.ndarray, via: Sequence[Spot]) -> list[np.ndarray]:
 def _first_asked(goals: Sequence[Term], arrive: float, end: tuple[float, float], reach: float) -> float | None:
     """When (s) the first goal after arrival asks for what a walk holds, which ends at x and z (m); None if none does.
 
-    Such a goal begins after it, or pulls beyond it; by more than a hand's `reach` (m), where it draws to a place.
+    Such a goal begins after it, or draws beyond it; by more than a hand's `reach` (m), where it draws to a place.
     """
     found = [
         max(begin, arrive)
         for term in goals
         if term.weight > 0 and _asks(term, end, reach)
         for begin, finish in _spans(term)
-        if begin > arrive or (term.spec.pulls and finish > arrive)
+        if begin > arrive or (term.spec.draws and finish > arrive)
     ]
     return min(found, default=None)
 
@@ -198,7 +198,7 @@ def _first_asked(goals: Sequence[Term], arrive: float, end: tuple[float, float],
 def _asks(term: Term, end: tuple[float, float], reach: float) -> bool:
     """Whether a goal is about the pelvis or legs, or draws to a place that is out of reach from a place [x, z] (m)."""
     named = {*term.joints, *chain(*(_names(term.parameters.get(key)) for key in ("joints", "feet")))}
-    away = [place[[0, 2]] - end for place in places(dict(term.parameters))] if term.spec.pulls else []
+    away = [place[[0, 2]] - end for place in places(dict(term.parameters))] if term.spec.draws else []
     return bool(named & LEGS) or any(np.linalg.norm(offset) > reach for offset in away)
 
 

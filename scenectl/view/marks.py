@@ -1,4 +1,4 @@
-"""Drawing the marks of goals: balls, rings, lines and capsules, whatever the goal."""
+"""Drawing the marks of goals: balls, rings, lines, capsules and arrows, whatever the goal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from objectives import Mark
-from scenectl.view.shapes import capsules
+from scenectl.view.shapes import arrow, capsules
 from scenectl.view.stage import ROUND
 
 if TYPE_CHECKING:
@@ -83,6 +83,8 @@ def draw_mark(
         return
     if mark.shape == "line":
         draw_line(stage, points, colour, mark.radius or _LINE)
+    elif mark.shape == "arrow":
+        stage.add_mesh(arrow(*points), color=colour, opacity=share, ambient=0.4, name=name, **ROUND)
     elif mark.shape == "ring":
         wide = max(mark.radius, _LEAST)
         flat = [

@@ -104,7 +104,7 @@ class _Row:
             for mark in goal.at(frame):
                 points = places(mark, picture.ground, picture.time(frame))
                 away = np.linalg.norm(points[:, None] - picture.joints(frame), axis=-1).min(initial=np.inf)
-                if mark.shape in ("ball", "ring") and not moves(mark) and away < _NEAR:
+                if mark.shape in ("ball", "ring", "arrow") and not moves(mark) and away < _NEAR:
                     found.append((mark, goal.met, points))
         return found
 

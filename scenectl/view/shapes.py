@@ -51,6 +51,16 @@ def body_hull(body: ProxyBody, joints: np.ndarray) -> PolyData:
     return capsules(a, b, np.array(radii), sides=14)
 
 
+def arrow(begin: np.ndarray, end: np.ndarray) -> PolyData:
+    """An arrow from one point to another (m)."""
+    from pyvista import Arrow
+
+    size = float(np.linalg.norm(end - begin))
+    sides = {"tip_resolution": 24, "shaft_resolution": 24}
+    parts = {"tip_length": 0.12 / size, "tip_radius": 0.05 / size, "shaft_radius": 0.018 / size}
+    return Arrow(start=begin, direction=end - begin, scale=size, **parts, **sides)
+
+
 def capsules(a: np.ndarray, b: np.ndarray, radii: np.ndarray, sides: int = 60) -> PolyData:
     """Half a sphere around each end and what is between them; balls where ends are one point.
 

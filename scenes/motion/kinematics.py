@@ -20,7 +20,7 @@ Skeletons of other names have no knees and elbows to look for: their limbs come 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -64,18 +64,22 @@ class Moving(Protocol):
     def skeleton(self) -> Skeleton: ...
 
 
-def orientations(motion: Moving) -> Float[Tensor, "*b T J 3 3"]:
-    """How every joint is turned in the world, against the T-pose, by the module's rule; differentiable in the joints.
+def orientations(motion: Moving, names: Sequence[str] | None = None) -> Float[Tensor, "*b T n 3 3"]:
+    """How joints, by default all, are turned in the world, against the T-pose, by the module's rule; differentiable.
 
     All of a motion decides on its limbs while they are straight; everything else is decided frame by frame.
     """
     joints, skeleton, tree = motion.joints, motion.skeleton, tree_of(motion.skeleton)
     bones = torch.cat([joints[..., :1, :], joints[..., 1:, :] - joints[..., tree.parents, :]], dim=-2)
     branches = {branch.joint: branch for branch in tree.branches}
-    turned = {b.joint: turns(bones[..., [bone + 1 for bone in b.bones], :], b) for b in tree.branches}
     between, unit = _between(skeleton, branches), torch.eye(3).to(joints)
+    asked = list(range(len(skeleton.names))) if names is None else skeleton.indices(list(names))
+    needed = _needed(asked, skeleton, between, branches)
+    turned = {
+        b.joint: turns(bones[..., [bone + 1 for bone in b.bones], :], b) for b in tree.branches if b.joint in needed
+    }
     for joint, parent in enumerate(skeleton.parents):
-        if joint in turned:
+        if joint in turned or joint not in needed:
             continue
         above = turned[parent] if parent >= 0 else unit.expand(*joints.shape[:-2], 3, 3)
         end = _first_bone(skeleton, joint)
@@ -95,7 +99,24 @@ def orientations(motion: Moving) -> Float[Tensor, "*b T J 3 3"]:
             lower, axis = bones[..., skeleton.index(limb[1]), :], joints.new_tensor(limb[2])
             across = _across(turned[joint] @ axis, bone, lower, motion)
             turned[joint] = axes(bone, across) @ axes(rest, axis).mT
-    return torch.stack([turned[joint] for joint in range(len(skeleton.names))], dim=-3)
+    return torch.stack([turned[joint] for joint in asked], dim=-3)
+
+
+def _needed(
+    asked: Sequence[int],
+    skeleton: Skeleton,
+    between: Mapping[int, tuple[int, int, float]],
+    branches: Mapping[int, Branch],
+) -> set[int]:
+    """Joints whose rotations decide on those of others, and these."""
+    needed, waiting = set[int](), list(asked)
+    while waiting:
+        joint = waiting.pop()
+        needed.add(joint)
+        waiting += between[joint][:2] if joint in between else ()
+        if joint not in branches and skeleton.parents[joint] >= 0:
+            waiting.append(skeleton.parents[joint])
+    return needed
 
 
 def _first_bone(skeleton: Skeleton, joint: int) -> int | None:

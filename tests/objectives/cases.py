@@ -104,6 +104,25 @@ EXAMPLES: dict[str, list[Example]] = {
             "axes": "xz",
         },
     ],
+    "face": [
+        lambda s: {"position": [1.0, 2.0], "within": 5.0, "at": [0.1 + s, 0.35 + s]},
+        lambda s: {"part": "chest", "heading": 0.7, "window": [0.1 + s, 0.3 + s]},
+        lambda s: {"part": "head", "direction": [1.0, -0.5, 0.4], "level": False},
+        lambda s: {
+            "part": "pelvis",
+            "track": {"kind": "line", "start": [1, 1, 0], "end": [-1, 1, 1], "times": [0.1 + s, 0.35 + s]},
+        },
+    ],
+    "bone_direction": [
+        lambda s: {"bone": "left_wrist", "direction": [0.0, 1.0, 1.0], "at": 0.2 + s},
+        lambda s: {"bone": ["right_shoulder", "right_wrist"], "position": [1.0, 1.2, 2.0], "within": 10.0},
+        lambda s: {"bone": "right_knee", "direction": [0.0, 0.0, 1.0], "frame": "pelvis"},
+    ],
+    "joint_rotation": [
+        lambda s: {"joint": "left_shoulder", "euler": [0.0, -40.0, -60.0], "at": 0.3 + s},
+        lambda s: {"joint": "pelvis", "quaternion": [0.8, 0.0, 0.6, 0.0], "within": 5.0},
+        lambda s: {"joint": "right_elbow", "euler": [10.0, 0.0, 20.0], "frame": "world"},
+    ],
     "sphere_repulsion": [
         lambda s: {"center": [0.1, 1.0, 0.2], "radius": 0.3, "margin": 0.2},
         lambda s: {
@@ -175,6 +194,9 @@ EXAMPLES: dict[str, list[Example]] = {
 # Parameters under which a person standing at rest at the origin (lowest joint at y = 0.02) meets the goal exactly.
 SATISFIED: dict[str, dict[str, Any]] = {
     "joint_target": {"joint": "pelvis", "position": None},  # the test states where the pelvis is
+    "face": {"heading": 0.0},
+    "bone_direction": {"bone": "left_wrist", "direction": [1.0, 0.0, 0.0]},
+    "joint_rotation": {"joint": "right_knee", "quaternion": [1.0, 0.0, 0.0, 0.0], "within": 0.1},
     "sphere_repulsion": {"center": [2, 1, 2], "radius": 0.3},
     "capsule_repulsion": {"a": [2, 0, 2], "b": [2, 1, 2], "radius": 0.3},
     "sdf_penetration": {"exempt": ["left_foot", "right_foot", "left_ankle", "right_ankle"]},

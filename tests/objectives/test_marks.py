@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any
 
 import pytest
+import torch
 from torch import Tensor
 
 from objectives import FloorPoint, Mark, Masked, Objective, Point, Term, Time, Window, diagnosis, forget, goal
@@ -81,6 +82,23 @@ def test_regions_and_ways_are_outlined() -> None:
     assert way.role == "way" and way.points[:, ::2].tolist() == path["path"]
 
 
+def test_aims_are_arrows_from_where_the_joint_is_and_what_they_aim_at_is_seen() -> None:
+    pelvis, shoulder = motion().joint("pelvis")[0], motion().joint("right_shoulder")[0]
+    arrow, other = seen("face", {"heading": 1.5708}, at=[1.0, 2.0])
+    assert (arrow.shape, arrow.role, arrow.times) == ("arrow", "goal", None)
+    assert arrow.points[0].tolist() == Some(pelvis.tolist()) and torch.equal(arrow.points, other.points)
+    assert (arrow.points[1] - arrow.points[0]).tolist() == Some([0.5, 0.0, 0.0], abs=1e-4)
+    ball, *arrows = seen("face", {"position": [0.0, 1.5, 3.0]}, window=[1.0, 2.0])
+    assert ball.shape == "ball" and [mark.shape for mark in arrows] == ["arrow"] * 3  # how a span begins, goes on, ends
+    assert seen("face", {"position": [0.0, 3.0]}, at=1.0)[0].shape == "ring"
+    (up,) = seen("bone_direction", {"bone": ["right_shoulder", "right_wrist"], "direction": [0, 9, 0]}, at=1.0)
+    assert (up.points[0] - shoulder).norm() < 1e-6 and (up.points[1] - shoulder).tolist() == Some([0.0, 0.5, 0.0])
+    (forearm,) = seen("joint_rotation", {"joint": "left_elbow", "euler": [0, -90, 0]}, at=1.0)
+    assert (forearm.points[1] - forearm.points[0]).tolist() == Some([0.0, 0.0, 0.5], abs=1e-6)
+    line, *_ = seen("face", {"track": {"kind": "line", "start": [0, 1, 3], "end": [2, 1, 3], "times": [0.5, 2.5]}})
+    assert line.shape == "line"
+
+
 def test_no_mark_asks_for_a_distance() -> None:
     class Deaf:
         bounds = ((-1, 0, -1), (1, 3, 1))
@@ -94,13 +112,31 @@ def test_no_mark_asks_for_a_distance() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
+def test_aims_are_unit_and_where_the_residual_vanishes(name: str) -> None:
+    """Bones turned to their aims leave nothing of the residual: for every goal that states any."""
+    for example in EXAMPLES[name]:
+        term, there = Term.from_table({"use": name, **example(0.0)}), wandering()
+        aim = (found := term.evaluate(there, context())).aim
+        assert aim is None or term.spec.pulls
+        if aim is None or aim.kind != "bone":
+            continue
+        (joint,), joints = found.joints, there.joints.clone()
+        if joint is not None and term.parameters.get("frame", "world") == "world":
+            here = there.skeleton.index(joint)
+            above = there.skeleton.parents[here]
+            size = (joints[:, here] - joints[:, above]).norm(dim=-1, keepdim=True)
+            joints[:, here] = joints[:, above] + size * aim.values[:, 0]
+            assert term.evaluate(Motion(joints), context()).square.max() < 1e-8
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_targets_are_where_the_residual_vanishes(name: str) -> None:
     """Moving each entry to its target, where it has one, leaves nothing of it: for every goal that states any."""
     for example in EXAMPLES[name]:
         term, there = Term.from_table({"use": name, **example(0.0)}), wandering()
         found = term.evaluate(there, context())
         if found.targets is None:
-            assert not term.spec.pulls or name == "head_height" or name == "follow_path"
+            assert not term.spec.draws or name == "head_height" or name == "follow_path"
             continue
         assert found.targets.shape[-2:] == (len(found.sizes), 3)
         joints = there.joints.clone()

@@ -118,7 +118,7 @@ def finish(settings: SolverSettings, thresholds: Thresholds) -> SolverSettings:
 
 
 def leads(objective: Objective, motion: Motion, context: Context, led: float = THRESHOLDS.led) -> bool:
-    """Whether goals that pull apply at so many of the frames that they lead a body along its way (a path, a track).
+    """Whether goals that draw apply at so many of the frames that they lead a body along its way (a path, a track).
 
     Steps fall at other times there than before, and fading what is far off would fade the way itself.
     """
@@ -126,7 +126,7 @@ def leads(objective: Objective, motion: Motion, context: Context, led: float = T
     def share(term: Term) -> float:
         return float(term.evaluate(motion, context).mask.any(-1).float().mean())
 
-    return any(term.spec.pulls and share(term) >= led for term in objective.counted)
+    return any(term.spec.draws and share(term) >= led for term in objective.counted)
 
 
 def walk_costs(level: bool = True, thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
@@ -152,11 +152,11 @@ def _body(thresholds: Thresholds) -> tuple[Term, ...]:
 
 
 def _fading(objective: Objective, delta: float, pull: float = 1.0) -> tuple[Term, ...]:
-    """The terms, with more weight on those that pull, whose pull fades where they are further off than `delta`."""
+    """The terms, with more weight on those that pull, whose pull fades where they are further off than `delta` (m)."""
     return tuple(_faded(replace(t, weight=pull * t.weight), delta) if t.spec.pulls else t for t in objective.counted)
 
 
 def _faded(term: Term, delta: float) -> Term:
     """With Geman and McClure's kernel instead of that which pulls the harder the further off a target is."""
     square = (term.kernel or term.spec.kernel) == "squared"
-    return replace(term, kernel="geman_mcclure", delta=delta) if square else term
+    return replace(term, kernel="geman_mcclure", delta=delta * term.spec.metre) if square else term

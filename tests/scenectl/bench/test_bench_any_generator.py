@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from scenectl.bench.control.control import bench_control
+from scenectl.bench.control.facing import bench_facing
 from scenectl.bench.control.implausible import bench_implausible
 from scenectl.bench.control.keyframes import bench_keyframes
 from scenectl.bench.control.rivals import METHODS, OF_TOKENS
@@ -39,6 +40,15 @@ def test_rooms_are_walked_through() -> None:
 def test_keyframes_are_met(data: Path) -> None:
     summary = bench_keyframes(TinyGenerator(), data, 2, 1)["summary"]
     assert summary["average_error_m"] < 0.3 * summary["uncontrolled_error_m"]
+
+
+def test_headings_are_measured_part_by_part(data: Path) -> None:
+    result = bench_facing(TinyGenerator(), data, motions=3, moments=2)
+    assert [row["part"] for row in result["rows"]] == ["pelvis", "chest"]  # and no third clip for the head
+    for row in result["rows"]:  # a statue does not turn, and the recorded walk is straight but for its swing
+        assert row["mean_error_deg"] == pytest.approx(row["uncontrolled_mean_error_deg"], abs=1e-3)
+        assert row["met"] == (row["worst_error_deg"] <= 2.0) and row["worst_error_deg"] < 60.0
+    assert set(result["summary"]["met_rate_by_part"]) == {"pelvis", "chest"}
 
 
 def test_control_has_all_methods_but_those_of_tokens(data: Path) -> None:

@@ -9,7 +9,7 @@ import torch
 
 from objectives import Context, Objective, Term, diagnosis
 from scenectl.control import ObjectiveGuide, Refined, SolverSettings, refine
-from scenectl.control.refine.body_costs import BodyCosts, walk_costs
+from scenectl.control.refine.body_costs import BodyCosts, leads, walk_costs
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators import load_generator
 from scenes.body.body import DEFAULT_BODY
@@ -20,6 +20,17 @@ from tests.objectives.cases import standing
 
 CONTEXT = Context(Scene.empty(), DEFAULT_BODY)
 HEAD = Objective((Term("joint_target", {"joint": "head", "position": [0.0, 1.5, 0.0]}, at=1.0),))
+
+
+def test_turning_leads_nobody_along_a_way() -> None:
+    """A heading that is held throughout is no path; kernels of angles begin where they count as much as metres."""
+    turned, path = Term("face", {"heading": 1.0}), Term("follow_path", {"path": [[0.0, 0.0], [0.0, 2.0]]})
+    motion = Motion(standing(40, 1).float())
+    assert not leads(Objective((turned,)), motion, CONTEXT)
+    assert leads(Objective((turned, path)), motion, CONTEXT)
+    held = BodyCosts.beside(motion, Objective((turned, HEAD.terms[0])), CONTEXT).objective.terms
+    assert (held[0].kernel, held[0].delta) == ("huber", 100 * THRESHOLDS.held)
+    assert held[1].delta == THRESHOLDS.held
 
 
 def controlled(

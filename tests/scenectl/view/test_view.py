@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import torch
 
-from objectives import Masked, Objective, Term, forget, goal
+from objectives import Mark, Masked, Objective, Term, forget, goal
 from scenectl.view import Picture, draw_scene
 from scenectl.view.camera import Sight, choose
 from scenectl.view.evidence import uncertain_blocks
-from scenectl.view.marks import draw_line, places
+from scenectl.view.marks import draw_line, draw_mark, places
 from scenectl.view.room import Room
 from scenectl.view.shapes import body_hull, capsules, components, face_colours, soft_shadow
 from scenectl.view.stage import open_stage
@@ -303,6 +303,21 @@ def test_surfaces_face_outwards() -> None:
     across = np.cross(b - a, c - a)
     outward = (across * normals[hull.regular_faces].mean(axis=1)).sum(-1)
     assert (outward[np.linalg.norm(across, axis=1) > 1e-6] > 0).all()
+
+
+def test_arrows_go_from_one_point_to_the_other() -> None:
+    stage = open_stage(SMALL)
+    try:
+        ends = np.array([[0.0, 1.0, 0.0], [0.3, 1.4, 0.0]])
+        draw_mark(stage, Mark("arrow", torch.from_numpy(ends)), ends)
+        draw_mark(stage, Mark("arrow", torch.from_numpy(ends)), np.full((2, 3), np.nan))  # nowhere
+        (drawn,) = stage.actors.values()
+        along = (drawn.mapper.dataset.points - ends[0]) @ (ends[1] - ends[0]) / 0.5
+        assert [along.min(), along.max()] == pytest.approx([0.0, 0.5], abs=1e-3)
+        away = np.linalg.norm(np.cross(drawn.mapper.dataset.points - ends[0], ends[1] - ends[0]), axis=-1) / 0.5
+        assert away[along < 0.3].max() == pytest.approx(0.018, abs=1e-3) and away.max() == pytest.approx(0.05, abs=1e-3)
+    finally:
+        stage.close()
 
 
 def test_marks_lie_on_the_storey_of_the_person(tiny: ModuleType) -> None:

@@ -48,6 +48,13 @@ def limb(bends: Tensor, plane: Tensor, side: str = "left", part: str = "arm") ->
     return Motion(forward(rotations, torch.zeros(len(bends), 3, dtype=torch.float64), HUMANML3D))
 
 
+@pytest.mark.parametrize("names", [["head"], ["left_elbow", "pelvis"], ["spine2"], ["right_foot", "spine3"]])
+def test_some_joints_are_turned_as_among_all(names: list[str]) -> None:
+    motion = wild(batch=(2,))
+    every = orientations(motion)[..., HUMANML3D.indices(names), :, :]
+    assert torch.equal(orientations(motion, names), every)
+
+
 def test_the_t_pose_is_not_turned_at_all() -> None:
     rest = Motion(rest_pose(HUMANML3D).expand(2, 5, -1, -1).clone())
     torch.testing.assert_close(orientations(rest), torch.eye(3, dtype=torch.float64).expand(2, 5, 22, 3, 3))
