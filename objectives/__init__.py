@@ -1,6 +1,7 @@
 """What is wanted: goal functions, and how they compose into an objective. Imports `scenes` only."""
 
 from objectives import library as library
+from objectives.clips import Clip as Clip, Pose as Pose, read_with as read_with
 from objectives.context import BodyLike as BodyLike, Context as Context, Grounded as Grounded, SceneLike as SceneLike
 from objectives.diagnosis import diagnosis as diagnosis
 from objectives.kernels import Kernel as Kernel, Reduction as Reduction
