@@ -155,7 +155,9 @@ class Clip(_Recorded):
     def _part(cls, text: str) -> Mapping[str, Any]:
         begin, colon, end = text.partition(":")
         if text and not colon:
-            raise UserError(f"'#{clipped(text)}' is no part of a clip; write '#1.5:4' for what lies between these times")
+            raise UserError(
+                f"'#{clipped(text)}' is no part of a clip; write '#1.5:4' for what lies between these times"
+            )
         return {key: _seconds(word) for key, word in (("begin", begin), ("end", end)) if word}
 
     @classmethod

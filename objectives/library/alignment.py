@@ -73,7 +73,9 @@ def _squares(
     return here.square().sum((1, 2))[:, None] + there.square().sum((1, 2)) - 2 * agreeing
 
 
-def _products(a: Float[Tensor, "S j 3"], b: Float[Tensor, "N j 3"]) -> tuple[Float[Tensor, "S N"], Float[Tensor, "S N"]]:
+def _products(
+    a: Float[Tensor, "S j 3"], b: Float[Tensor, "N j 3"]
+) -> tuple[Float[Tensor, "S N"], Float[Tensor, "S N"]]:
     """Sums of products of horizontal vectors, and of their crosswise ones."""
     (ax, az), (bx, bz) = (v[..., ::2].unbind(-1) for v in (a, b))
     return ax @ bx.T + az @ bz.T, ax @ bz.T - az @ bx.T

@@ -1,7 +1,7 @@
 """Whole poses: a body at moments as in a recording, or all along one.
 
 What was recorded is put on the bones of the body in question (`scenes.motion.rigid`), raised or lowered so that its
-lower foot is as high as it was. It is asked for in the world, or relative to the pelvis: then the pelvis's place and its
+lower foot is as high as it was. It is asked for in the world, or relative to the pelvis: then the pelvis's place and
 heading are free, and its tilt counts, as gravity makes a bow another pose than a lying body.
 """
 
@@ -100,9 +100,9 @@ def like(
     """Move as a recording does, in its own time or in any that keeps its order.
 
     The residual is that of `pose` at every frame. In the clip's time, frames after its end are free, and what of it is
-    after `end` is not asked for. With free timing all of the clip happens between `begin` and `end`, at half to twice its
-    speed at every moment: by the alignment of least squares (dynamic time warping, Sakoe and Chiba 1978, with slopes of
-    1/2 to 2), found anew for each motion; its gradient is that at the best alignment.
+    after `end` is not asked for. With free timing all of the clip happens between `begin` and `end`, at half to twice
+    its speed at every moment: by the alignment of least squares (dynamic time warping, Sakoe and Chiba 1978, with
+    slopes of 1/2 to 2), found anew for each motion; its gradient is that at the best alignment.
 
     Args:
         clip: the recording's file, such as "clip.bvh", or "clip.bvh#1.5:4" for what it has between these times; in
@@ -119,8 +119,8 @@ def like(
             relative to the pelvis, so that the body can get out of the way.
 
     Raises:
-        UserError: a clip too long or too short for its time, `clear`, `position` or `heading` relative to the pelvis, or
-            no joint but the pelvis relative to itself.
+        UserError: a clip too long or too short for its time, `clear`, `position` or `heading` relative to the pelvis,
+            or no joint but the pelvis relative to itself.
     """
     stated = {"position": position, "heading": heading, "clear": clear}
     if frame == "pelvis" and (idle := [key for key, value in stated.items() if value is not None]):
@@ -179,7 +179,7 @@ def _named(joints: Joints | None, motion: Motion, frame: Frame) -> list[str]:
     root = motion.skeleton.names[0]
     names = [name for name in chosen(joints, motion) if frame == "world" or name != root]
     if not names:
-        raise UserError(f"{root} relative to itself says nothing; name other joints, or say frame = \"world\"")
+        raise UserError(f'{root} relative to itself says nothing; name other joints, or say frame = "world"')
     return names
 
 
@@ -196,7 +196,9 @@ def _on_bones(joints: Float[Tensor, "*b 22 3"], motion: Motion) -> Float[Tensor,
 def carried(bodies: Float[Tensor, "*w T J 3"], motion: Motion) -> Float[Tensor, "*b T J 3"]:
     """Bodies (m) moved and turned about the vertical so that each has the pelvis of the motion's."""
     root = motion.joints[..., :1, :]
-    return root + turned(bodies - bodies[..., :1, :], pelvis_heading(bodies, motion.joints, motion.skeleton)[..., None, :])
+    return root + turned(
+        bodies - bodies[..., :1, :], pelvis_heading(bodies, motion.joints, motion.skeleton)[..., None, :]
+    )
 
 
 def _placed(

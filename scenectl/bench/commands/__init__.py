@@ -7,8 +7,8 @@ import typer
 from scenectl.console.lazy import group
 
 BENCHES = (
-    "rooms", "keyframes", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query", "building",
-    "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices", "thresholds",
+    "rooms", "keyframes", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query",
+    "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices", "thresholds",
     "limits", "verdict", "memory",
 )  # fmt: skip
 
