@@ -6,15 +6,16 @@ is read has the bones of whoever was recorded; goals put it on those of the body
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from pydantic import ConfigDict, GetJsonSchemaHandler, model_validator
+from pydantic import ConfigDict, Discriminator, GetJsonSchemaHandler, Tag, model_validator
 from torch import Tensor
 
 from objectives.parameters import File, Positive
@@ -104,7 +105,7 @@ class Pose(_Recorded):
         positions: instead of a file, of all joints, ``[22, 3]``, world m.
     """
 
-    IN_WORDS = "a file and a time in it, such as 'clip.bvh#2.4'"
+    IN_WORDS = "'FILE#TIME'"
     AXES = 2
     time: float | None = None
 
@@ -135,6 +136,18 @@ class Pose(_Recorded):
         return Pose(positions=self.joints + np.array(by))
 
 
+def _several(value: Any) -> str:
+    """Whether this is a list of poses: the positions of one are a list of lists of numbers."""
+    one = not isinstance(value, list | tuple) or (
+        bool(value) and isinstance(value[0], list | tuple) and not any(isinstance(x, list | tuple) for x in value[0])
+    )
+    return "one" if one else "several"
+
+
+Poses = Annotated[Annotated[Pose, Tag("one")] | Annotated[list[Pose], Tag("several")], Discriminator(_several)]
+"""One pose or a list of them."""
+
+
 class Clip(_Recorded):
     """A motion, or a part of one: "clip.bvh" or "clip.bvh#1.5:4" in a task file.
 
@@ -145,7 +158,7 @@ class Clip(_Recorded):
         fps: of the positions.
     """
 
-    IN_WORDS = "a file of a motion, such as 'clip.bvh' or, for a part of it, 'clip.bvh#1.5:4'"
+    IN_WORDS = "'FILE' or 'FILE#FROM:TO'"
     AXES = 3
     begin: float | None = None
     end: float | None = None
@@ -212,9 +225,12 @@ def _read(file: Path) -> Motion:
 
 def _seconds(text: str) -> float:
     try:
-        return float(text)
+        seconds = float(text)
     except ValueError:
-        raise UserError(f"'{clipped(text)}' after '#' is no time in seconds") from None
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise UserError(f"'{clipped(text)}' after '#' is no time in seconds")
+    return seconds
 
 
 def _inside(time: float, motion: Motion, file: Path) -> float:

@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from objectives.clips import Clip, Pose
+from objectives.clips import Clip, Poses
 from objectives.context import Context
 from objectives.library._joints import Joints, chosen
 from objectives.library.alignment import aligned
@@ -45,7 +45,7 @@ def pose(
     motion: Motion,
     context: Context,
     *,
-    pose: Pose | list[Pose],
+    pose: Poses,
     joints: Joints | None = None,
     frame: Frame = "pelvis",
     at: list[float] | None = None,
