@@ -28,11 +28,15 @@ from scenes.numbers import MOST
 from scenes.tables import Table
 
 _JOINTS = len(HUMANML3D.names)
-_readers: list[Callable[[Path], Motion]] = [Motion.load]
+Reader = Callable[[Path, float | None], Motion]
+_readers: list[Reader] = [lambda file, _: Motion.load(file)]
 
 
-def read_with(reader: Callable[[Path], Motion]) -> None:
-    """Read files of motions with this from now on; it raises UserError for those that it cannot read."""
+def read_with(reader: Reader) -> None:
+    """Read motions with this from now on: of a file, and its frames a second where those are stated.
+
+    It raises UserError for files that it cannot read.
+    """
     _readers[:] = [reader]
 
 
@@ -46,6 +50,7 @@ class _Recorded(Table):
 
     file: File | None = None
     positions: Array = None
+    fps: Positive | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -84,6 +89,7 @@ class _Recorded(Table):
     def _stated(self) -> np.ndarray:
         """The positions, where they are no file's."""
         given = np.asarray(self.positions)
+        given = given[0] if given.ndim == self.AXES + 1 and len(given) == 1 else given  # a motion of one frame
         if given.dtype.kind not in "fiu" or given.ndim != self.AXES or given.shape[-2:] != (_JOINTS, 3):
             frames = "[frames, 22, 3]" if self.AXES == 3 else "[22, 3]"
             raise UserError(f"positions must be numbers of shape {frames}, not {list(given.shape)}")
@@ -93,7 +99,10 @@ class _Recorded(Table):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return {"anyOf": [{"type": "string"}, {"type": "array"}, handler(schema)]}
+        array: dict[str, Any] = {"type": "number"}
+        for _ in range(cls.AXES):
+            array = {"type": "array", "items": array}
+        return {"anyOf": [{"type": "string"}, array, handler(schema)]}
 
 
 class Pose(_Recorded):
@@ -103,6 +112,7 @@ class Pose(_Recorded):
         file: of a motion, of which of several samples the first counts.
         time: seconds on the file's clock; needed where it has more than one frame.
         positions: instead of a file, of all joints, ``[22, 3]``, world m.
+        fps: of the file, where it does not say.
     """
 
     IN_WORDS = "'FILE#TIME'"
@@ -124,7 +134,7 @@ class Pose(_Recorded):
         """``[22, 3]``."""
         if self.file is None:
             return self._stated()
-        motion = _read(self.file)
+        motion = _read(self.file, self.fps)
         if self.time is None and motion.frames > 1:
             raise UserError(f"clip '{self.file}' has {motion.frames} frames; say when, such as '{self.file.name}#1.5'")
         when = motion.t0 if self.time is None else _inside(self.time, motion, self.file)
@@ -155,14 +165,13 @@ class Clip(_Recorded):
         file: of a motion, of which of several samples the first counts.
         begin, end: the part, seconds on the file's clock; by default all of it.
         positions: instead of a file, ``[T, 22, 3]``, world m.
-        fps: of the positions.
+        fps: of the positions (20 by default), or of the file where it does not say.
     """
 
     IN_WORDS = "'FILE' or 'FILE#FROM:TO'"
     AXES = 3
     begin: float | None = None
     end: float | None = None
-    fps: Positive = 20.0
 
     @classmethod
     def _part(cls, text: str) -> Mapping[str, Any]:
@@ -181,8 +190,8 @@ class Clip(_Recorded):
     def recording(self) -> tuple[np.ndarray, float]:
         """Positions ``[T, 22, 3]`` (m) and frames a second."""
         if self.file is None:
-            return self._stated(), self.fps
-        motion = _read(self.file)
+            return self._stated(), self.fps or 20.0
+        motion = _read(self.file, self.fps)
         begin = motion.t0 if self.begin is None else _inside(self.begin, motion, self.file)
         last = motion.t0 + (motion.frames - 1) / motion.fps
         end = last if self.end is None else _inside(self.end, motion, self.file)
@@ -213,9 +222,9 @@ class Clip(_Recorded):
         return Clip(positions=joints + np.array(by), fps=fps)
 
 
-def _read(file: Path) -> Motion:
+def _read(file: Path, fps: float | None) -> Motion:
     """One motion of a file, in double precision and without padding."""
-    motion = _readers[0](file)
+    motion = _readers[0](file, fps)
     if motion.skeleton.names != HUMANML3D.names:
         raise UserError(f"clip '{file}' has other joints than HumanML3D's; convert it first")
     while motion.joints.ndim > 3:

@@ -8,7 +8,6 @@ heading are free, and its tilt counts, as gravity makes a bow another pose than 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Literal
 
 import torch
@@ -226,7 +225,7 @@ def _crowded(bodies: Float[Tensor, "*b T J 3"], motion: Motion, context: Context
 
 
 def _figures(
-    bodies: Float[Tensor, "T J 3"], active: Bool[Tensor, " T"], motion: Motion, names: Sequence[str], still: bool
+    bodies: Float[Tensor, "T J 3"], active: Bool[Tensor, " T"], motion: Motion, names: list[str], still: bool
 ) -> list[Mark]:
     """Bodies at the frames that are asked for: of a few of them where they are many, or moving."""
     frames = active.nonzero()[:, 0]
