@@ -12,7 +12,7 @@ from objectives.parameters import FloorPoint, Point, Time, Window, instances, st
 from objectives.term import Term
 from objectives.tracks import TrackBase
 from scenes.errors import UserError
-from scenes.motion.bones import rest_pose
+from scenes.motion.bones import standing_pose
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
 
@@ -39,7 +39,7 @@ def check_term(
 
 def standing(skeleton: Skeleton, frames: int, fps: float, t0: float, context: Context) -> Motion:
     """A person at rest in the middle of the scene, world m."""
-    rest = rest_pose(skeleton).numpy()
+    rest = standing_pose(skeleton).numpy()
     low, high = _bounds(context)
     middle = np.where(np.isfinite(low + high), (low + high) / 2, 0.0)
     rest += [middle[0], (low[1] if np.isfinite(low[1]) else 0.0) - rest[:, 1].min(), middle[2]]

@@ -12,6 +12,7 @@ from torch import Tensor
 from scenes.body.body import Segments
 from scenes.motion.frames import HOME, Place
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import Skeleton
 
 
 @runtime_checkable
@@ -50,6 +51,11 @@ class Layered(Protocol):
 @runtime_checkable
 class BodyLike(Protocol):
     """The part of `scenes.ProxyBody` that goals use."""
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The joints that it is made for, and their bones."""
+        ...
 
     @property
     def owners(self) -> list[str]:

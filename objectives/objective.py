@@ -16,7 +16,7 @@ from objectives.context import Context
 from objectives.report import TermReport
 from objectives.term import Assessed, Term
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import HUMANML3D, Skeleton
+from scenes.motion.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
@@ -93,14 +93,14 @@ class Objective:
         seconds: float,
         fps: float = 20.0,
         t0: float = 0.0,
-        skeleton: Skeleton = HUMANML3D,
+        skeleton: Skeleton | None = None,
         slack: float = 0.5,
     ) -> None:
         """Find mistakes before a model is loaded; raises UserError naming the term.
 
         Every time must lie inside the motion (t0 to t0 + seconds), every joint be known, every file readable, every
         stated position and track inside the scene's bounds widened by `slack` metres, and every term active at
-        some frame of a person standing in the scene.
+        some frame of a person standing in the scene; by default one with the body's skeleton.
         """
         for term in self.counted:
-            check_term(term, context, seconds, fps, t0, skeleton, slack)
+            check_term(term, context, seconds, fps, t0, skeleton or context.body.skeleton, slack)

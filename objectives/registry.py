@@ -146,6 +146,8 @@ class GoalSpec:
 
 
 _GOALS: dict[str, GoalSpec] = {}
+_RETIRED = {"bone_length": "bones of all that is generated are rigid by construction; remove it from the task"}
+"""Goals of earlier versions: why nothing needs them, and what to do."""
 
 
 def goal(
@@ -203,6 +205,8 @@ def get_goal(use: str | GoalFunction) -> GoalSpec:
             if spec.function is use:
                 return spec
         raise UserError(f"function '{getattr(use, '__name__', use)}' is not a goal; decorate it with @goal(unit=...)")
+    if use not in _GOALS and use in _RETIRED:
+        raise UserError(f"goal '{use}' is gone: {_RETIRED[use]}")
     if use not in _GOALS:
         raise UserError(
             f"unknown goal '{clipped(use)}'{did_you_mean(use, _GOALS)} (--allow-code FILE.py brings one of your own)"

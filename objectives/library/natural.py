@@ -1,4 +1,4 @@
-"""Staying natural while goals pull: feet that don't slide or shuffle, no jerks, limbs that don't stretch or snap."""
+"""Staying natural while goals pull: feet that don't slide or shuffle, no jerks, limbs that don't snap."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from objectives.library.scene import foot_heights
 from objectives.maths import beyond, length
 from objectives.parameters import NotNegative, Positive
 from objectives.registry import Masked, goal
-from scenes.motion.bones import bone_vectors, rest_lengths
 from scenes.motion.motion import Motion
 
 
@@ -140,21 +139,6 @@ def smoothness(
     none = torch.zeros_like(motion.valid[..., :1])
     active = torch.cat([none, known, none], dim=-1)[..., : motion.frames]
     return Masked(excess.flatten(-2), active, labels=names, points=points)
-
-
-@goal(unit="m", kernel="squared", reduction="mean", scale=1e4, tolerance=0.02)
-def bone_length(motion: Motion, context: Context, *, slack: NotNegative = 0.005) -> Masked:
-    """Keep bones as long as the skeleton's.
-
-    Residual: how much longer (positive) or shorter a bone is than at rest, m, beyond `slack`. The 263 features state
-    joint positions freely, so that a goal out of reach would be met by stretching limbs (MSCoT Fig. 10).
-
-    Args:
-        slack: difference that is free, m; a decoder's own is a few millimetres.
-    """
-    names = [motion.skeleton.names[child] for _, child in motion.skeleton.bones]
-    longer = length(bone_vectors(motion)) - rest_lengths(motion)
-    return Masked(beyond(longer[..., None], slack).squeeze(-1), labels=names, points=motion.select(names))
 
 
 @goal(unit="rad", kernel="squared", reduction="mean", scale=10.0, tolerance=0.1)

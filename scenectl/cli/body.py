@@ -58,12 +58,18 @@ def body(
 
 def _show_body(body: ProxyBody) -> None:
     """The radii of a body for the 22 joints, and where they come from."""
+    from scenes.body.body import SHORTEST, TALLEST
+
     lines = table("part", "radius (m)", "from")
     for row in body.table():
         lines.add_row(str(row["part"]), f"{row['radius_m']:.3f}", str(row["origin"]))
     out.print(lines)
     out.print(f"\nSource: {body.source}")
+    out.print(_size(body))
     out.print(f"The sole lies {body.sole_offset:.3f} m below the lowest foot joint of a person at rest.")
+    out.print(
+        f"Tasks may state another height, body = {{ height = {SHORTEST:g} }} to {TALLEST:g} m: all is in proportion."
+    )
 
 
 def _show_proxies(proxies: Proxies) -> None:
@@ -86,4 +92,14 @@ def _show_proxies(proxies: Proxies) -> None:
         f"links, {ratio}, nothing more than {1000 * proxies.uncovered:.1f} mm outside"
     )
     if proxies.body is not None:
-        out.print(f"as a body of our 22 joints: {proxies.body.source}")
+        out.print(f"as a body of our 22 joints: {proxies.body.source}\n{_size(proxies.body)}")
+
+
+def _size(body: ProxyBody) -> str:
+    """How large a body is, and the lengths of its bones."""
+    from scenectl.measures.believability.words import bone_name
+
+    skeleton = body.skeleton
+    lengths = ", ".join(f"{bone_name(skeleton.names[b])} {skeleton.bone_lengths[b]:.3f}" for _, b in skeleton.bones)
+    legs = f"legs of {skeleton.legs:.3f} m from the pelvis down, {body.size:.2f} times an adult's"
+    return f"It is {body.height:.2f} m tall, with {legs}; bones (m): {lengths}."

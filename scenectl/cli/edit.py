@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from scenectl.tasks.task import Task
     from scenes.motion.motion import Motion
 
+SEEN = 0.001
+"""Metres by which kept frames may move without a word."""
+
 Spans = Annotated[
     list[str] | None, typer.Option(metavar="START-END", help="Seconds to make anew, such as 1.5-3; repeatable.")
 ]
@@ -88,10 +91,19 @@ def edit(
     pictured = preview and drawn(result, output / "preview.png")
     err.print(f"weights: {maker.licence}")
     show_samples(result)
-    doubt(result.report["scene"]["doubts"])
+    moved = result.report["edit"]["kept_moved_m"]
+    doubt((*result.report["scene"]["doubts"], *_moved(moved)))
     files = f"motion.npz, report.json{' and preview.png' if pictured else ''}"
     out.print(f"made {int(mask.sum())} of {len(mask)} frames anew; wrote {files} in {output}")
+    out.print(f"kept frames moved by {1000 * moved:.1f} mm at most, so that bones keep their lengths")
     leave(result, allow_unmet)
+
+
+def _moved(most: float) -> tuple[str, ...]:
+    """A sentence where kept frames moved by more than `SEEN` (m)."""
+    if most <= SEEN:
+        return ()
+    return (f"bones of the motion change their lengths: kept frames moved by up to {1000 * most:.0f} mm to be rigid",)
 
 
 def _original(motion: Motion, sample: int, path: Path, fps: float) -> Motion:

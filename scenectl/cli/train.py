@@ -28,6 +28,10 @@ def train(
     text: Annotated[str | None, typer.Option(help="Text encoder instead of the recipe's.")] = None,
     threads: Annotated[int | None, typer.Option(min=1, max=256, help="CPU threads; torch's choice by default.")] = None,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    weights: Annotated[
+        str | None,
+        typer.Option(help="Finished weights, which stand for stages not trained here."),
+    ] = None,
 ) -> None:
     """Train one stage or all, compare small variants (sweep), or train what evaluates; what was stopped goes on."""
     sleep_while_waiting()
@@ -46,7 +50,7 @@ def train(
     known = ("all", *plan.commands, "sweep", "evaluator")
     if stage not in known:
         raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
-    folder = learn(stage, data, config, output, iterations, text, threads, device, plan=plan)
+    folder = learn(stage, data, config, output, iterations, text, threads, device, weights, plan=plan)
     out.print(f"the run is in {folder}")
 
 

@@ -38,9 +38,9 @@ class SolverSettings(Table):
             to 1 where only the best of several samples is wanted.
         lead: steps at most, at first, in which only goals that pull (targets, paths) count, until they are met,
             where there are others too: walls that count from the start can hold a body on their wrong side.
-        natural: where goals could be met only by stretching bones or lifting feet that stood, refine once more with
-            pulls that don't grow with distance and a cost on both (`scenectl.control.refine.body_costs`); where goals
-            lead a body past walls, count bones and feet that shuffle once they have led.
+        natural: where goals lift feet that stood or push them into the ground, refine once more with pulls that fade
+            with distance and a cost on both (`scenectl.control.refine.body_costs`); where goals lead a body past walls,
+            count feet that shuffle once they have led.
         polish: leave the last centimetre of targets to a smooth move of joints, which needs no decoder
             (`scenectl.control.refine.polish`).
     """

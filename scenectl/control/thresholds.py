@@ -24,33 +24,22 @@ def _entry(value: float | int, unit: str, decides: str, source: str) -> Any:
 class Thresholds:
     """The table: `entries` lists names, values, units, what each decides, and the command or publication behind it."""
 
-    # A strained body: beside the motion before refinement.
-    stretch: float = _entry(0.005, "m", "mean bone error, in the mean over frames, that strains a body", BODY)
-    torn: float = _entry(0.02, "m", "mean bone error in the worst frame that strains a body", BODY)
-    lift: float = _entry(0.03, "m", "lift of a foot that stood that strains a body", BODY)
+    # A body that goals lift: beside the motion before refinement.
+    lift: float = _entry(0.03, "m", "lift of a foot that stood, or depth in the ground, that is answered", BODY)
     standing: float = _entry(0.07, "m", "height over the scene below which a foot stands", BODY)
     still: float = _entry(0.02, "m/frame", "move of a foot below which it stands", BODY)
-    met_bones: float = _entry(3.0, "", "factor on `stretch` and `torn` for samples whose goals are met", BODY)
-    near_bones: float = _entry(4.0, "", "the same, up to which a search from met goals with body costs is tried", BODY)
-    near_feet: float = _entry(10.0, "", "factor on `lift` up to which such a search is tried", BODY)
-    solved: float = _entry(1e-3, "", "share of the first cost below which goals count as met", BODY)
+    near_feet: float = _entry(10.0, "", "factor on `lift` up to which a search goes on from met goals", BODY)
     led: float = _entry(0.2, "", "share of frames with pulling goals from which they lead a body along its way", WALLS)
-    # Costs of a body, and kernels of goals, where a body is strained.
-    held: float = _entry(0.05, "m", "delta of the Huber kernel of pulling goals at first", BODY)
-    far: float = _entry(0.3, "m", "delta of their Geman-McClure kernel where some are out of reach", BODY)
+    # Costs of a body, and kernels of goals, where goals lift it.
+    far: float = _entry(0.3, "m", "delta of the Geman-McClure kernel of pulling goals", BODY)
     off: float = _entry(0.03, "m", "the same in the last search, without the body's costs", BODY)
-    near: float = _entry(0.15, "m", "distance from all targets from which their weight is raised", BODY)
-    pull: float = _entry(20.0, "", "factor on the weight of pulling goals then", BODY)
-    bones: float = _entry(60.0, "", "weight of `bone_length`", BODY)
+    pull: float = _entry(20.0, "", "factor on the weight of pulling goals", BODY)
     limits: float = _entry(20.0, "", "weight of `joint_limits`", BODY)
     smooth: float = _entry(20.0, "", "weight of `smoothness`", BODY)
     skating: float = _entry(10.0, "", "weight of `foot_skating`", BODY)
     swing: float = _entry(1.0, "m/s", "delta of its Geman-McClure kernel: faster feet swing", BODY)
     clearance: float = _entry(3.0, "", "weight of `foot_clearance`", BODY)
-    foot: float = _entry(2e3, "1/m^2", "cost of lifting a foot that stood, each frame", BODY)
-    firm_foot: float = _entry(4e3, "1/m^2", "the same where the weight of goals is raised", BODY)
-    led_bones: float = _entry(20.0, "", "weight of `bone_length` where goals lead a body past walls", WALLS)
-    led_bone_error: float = _entry(0.05, "m", "tolerance of `bone_length` there", WALLS)
+    foot: float = _entry(4e3, "1/m^2", "cost of a foot that is lifted or in the ground, each frame", BODY)
     led_clearance: float = _entry(5.0, "", "weight of `foot_clearance` there", WALLS)
     led_skating: float = _entry(200.0, "", "weight of `foot_skating` of the foot that carries there", WALLS)
     carries: float = _entry(0.1, "m", "height over the scene below which a foot may carry there", WALLS)
@@ -60,7 +49,6 @@ class Thresholds:
     # Polishing.
     reach: float = _entry(0.01, "m", "distance from targets at which polishing takes over from the decoder", TARGETS)
     furthest: float = _entry(3.0, "", "longest move of a joint by polishing, over `reach`", TARGETS)
-    polish_stretch: float = _entry(0.5, "", "largest growth of a bone error by polishing, over `reach`", TARGETS)
     polish_steps: int = _entry(20, "steps", "at most, of polishing", TARGETS)
     spread_time: float = _entry(0.15, "s", "standard deviation over time of a smooth move", TARGETS)
     spread_bones: float = _entry(3.0, "bones", "length along the limbs over which it falls to 1/e", TARGETS)

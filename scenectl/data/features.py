@@ -16,8 +16,9 @@ from torch import Tensor
 
 from scenes.errors import UserError
 from scenes.motion.headings import heading_across, heading_of, rotation_about_y
+from scenes.motion.rigid import on_bones
 from scenes.motion.rotations import rotated, rotation_between
-from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.skeleton import FEET, HUMANML3D
 
 FEATURES = 263
 FPS = 20.0
@@ -108,6 +109,34 @@ def features_to_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T
     up = features.new_tensor([0.0, 1.0, 0.0])
     root = ground + features[..., ROOT_HEIGHT] * up
     return torch.cat([root[..., None, :], others], dim=-2)
+
+
+def body_joints(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T 22 3"]:
+    """`features_to_joints` of what a network made, on the rigid bones that all steps put bodies on."""
+    return on_bones(features_to_joints(features), HUMANML3D)
+
+
+def on_body(features: Float[Tensor, "*b T c"]) -> Float[Tensor, "*b T c"]:
+    """Features whose joints stand on the rigid bones of a generated body (`scenes.motion.rigid`).
+
+    Recorded people have hips and collars in other places. Their bones keep their directions here, and so knees bend as
+    they did; bodies are raised or lowered as a whole until feet are, in the mean over the window, as high as they were.
+    Heights, positions and displacements change; rotations and contacts stay as they are.
+    """
+    zero = torch.zeros_like(features[..., :1])
+    others = features[..., POSITIONS].unflatten(-1, (JOINTS - 1, 3))
+    root = torch.cat([zero, features[..., ROOT_HEIGHT], zero], dim=-1)
+    local = torch.cat([root[..., None, :], others], dim=-2)
+    placed = on_bones(local, HUMANML3D)
+    feet = HUMANML3D.indices(FEET)
+    lift = (local - placed)[..., feet, 1].mean((-2, -1), keepdim=True)
+    placed = placed + lift[..., None] * features.new_tensor([0.0, 1.0, 0.0])
+    out = features.clone()
+    out[..., ROOT_HEIGHT], out[..., POSITIONS] = placed[..., 0, 1:2], placed[..., 1:, :].flatten(-2)
+    moved = placed - local
+    ahead = rotated(rotation_about_y(-2 * features[..., :-1, 0])[..., None, :, :], moved[..., 1:, :, :])
+    out[..., :-1, VELOCITIES] += (ahead - moved[..., :-1, :, :]).flatten(-2)
+    return out
 
 
 def canonicalise(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T 22 3"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -12,12 +12,16 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.clips import ClipSet
-from scenectl.data.features import FPS, features_to_joints, joints_to_features
+from scenectl.data.features import FPS, body_joints, features_to_joints, joints_to_features, on_body
 from scenectl.evaluation.motions import STRIDE
 from scenectl.generators.base import Generator, Progress, silent
 from scenectl.generators.spec import Spec
+from scenectl.generators.steps import DecodedStep, LatentStep
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
+from scenes.motion.skeleton import HUMANML3D
+
+_ENDS = HUMANML3D.indices(("left_wrist", "right_wrist", "left_foot", "right_foot", "head"))
 
 
 @runtime_checkable
@@ -76,16 +80,28 @@ class MotionSet:
         name: of the origin.
         joints: canonical positions of each, ``[T, 22, 3]`` metres.
         features: made from those joints, one row less.
+        moved: how far (m) rigid bones took the ends of limbs from where a network had put them, of each motion.
     """
 
     name: str
     joints: list[Float[Tensor, "_T 22 3"]]
     features: list[Float[Tensor, "_T 263"]]
+    moved: list[float] = field(default_factory=list)
 
     @classmethod
-    def of(cls, name: str, joints: Sequence[Float[Tensor, "_T 22 3"]]) -> MotionSet:
-        """All sets go from joints to features the same way, so that none is favoured."""
-        return cls(name, list(joints), [joints_to_features(j) for j in joints])
+    def of(
+        cls, name: str, joints: Sequence[Float[Tensor, "_T 22 3"]], loose: Sequence[Float[Tensor, "_T 22 3"]] = ()
+    ) -> MotionSet:
+        """All sets go from joints to features the same way, so that none is favoured.
+
+        Args:
+            name: of the origin.
+            joints: canonical positions.
+            loose: the same before bones were made rigid, where they were not.
+        """
+        pairs = zip(joints, loose, strict=True) if loose else ()
+        moved = [float((after - before)[:, _ENDS].norm(dim=-1).mean()) for after, before in pairs]
+        return cls(name, list(joints), [joints_to_features(j) for j in joints], moved)
 
     @property
     def padded(self) -> Motion:
@@ -97,15 +113,18 @@ class MotionSet:
 
 @torch.no_grad()
 def real(clips: HeldOut) -> MotionSet:
-    """The clips themselves."""
-    return MotionSet.of("real", [features_to_joints(f) for f in clips.features])
+    """The clips themselves, on a generated body's bones: people's hips and collars differ, and no model is to be judged
+    by that.
+    """
+    return MotionSet.of("real", [features_to_joints(on_body(f)) for f in clips.features])
 
 
 @torch.no_grad()
 def reconstructed(clips: HeldOut, generator: Tokenised) -> MotionSet:
     """The clips after a round trip through tokens."""
+    decoded = [generator.round_trip(f[None]) for f in clips.features]
     return MotionSet.of(
-        "reconstruction", [features_to_joints(generator.round_trip(f[None]))[0] for f in clips.features]
+        "reconstruction", [body_joints(f)[0] for f in decoded], [features_to_joints(f)[0] for f in decoded]
     )
 
 
@@ -113,16 +132,17 @@ def reconstructed(clips: HeldOut, generator: Tokenised) -> MotionSet:
 def of_random_tokens(clips: HeldOut, generator: Tokenised, seed: int) -> MotionSet:
     """Motions of tokens drawn uniformly, as long as the clips."""
     draw = torch.Generator().manual_seed(seed)
-    return MotionSet.of(
-        "random tokens", [features_to_joints(generator.from_random_tokens(len(f), draw))[0] for f in clips.features]
-    )
+    random = (generator.from_random_tokens(len(f), draw) for f in clips.features)
+    return MotionSet.of("random tokens", [body_joints(features)[0] for features in random])
 
 
 def generated(clips: HeldOut, generator: Generator, seed: int, progress: Progress = silent) -> MotionSet:
     """One motion for each clip, from its caption and of its length."""
-    joints = []
+    joints, loose = list[Tensor](), list[Tensor]()
     for i, (features, caption) in enumerate(zip(clips.features, clips.captions, strict=True)):
         progress("generating", i / len(clips.features))
         made = generator.generate(caption, len(features) / FPS, Pose2D(), seed=seed + i)
         joints.append(made.motion.joints[0])
-    return MotionSet.of("generated", joints)
+        if isinstance(made.step, DecodedStep | LatentStep):
+            loose.append(made.step.loose.joints[0])
+    return MotionSet.of("generated", joints, loose)

@@ -131,6 +131,12 @@ class DecodedStep:
     def motion(self) -> Motion:
         return self.decode(self.value)
 
+    @property
+    @torch.no_grad()
+    def loose(self) -> Motion:
+        """The step's own value before its bones are made rigid."""
+        return self.decoder(self.value)
+
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         try:
             out: Tensor = torch.func.jvp(lambda v: self.decode(v).joints, (self.value,), (tangent,))[1]
@@ -190,7 +196,13 @@ class LatentStep:
     @torch.no_grad()
     def motion(self) -> Motion:
         """The step's own value, decoded."""
-        return self._body(self._features)
+        return rigid(self.loose)
+
+    @property
+    @torch.no_grad()
+    def loose(self) -> Motion:
+        """The same before its bones are made rigid."""
+        return self.place(self._features)
 
     def jvp(self, tangent: Float[Tensor, "S *v"]) -> Float[Tensor, "S T J 3"]:
         moved = self.latent(tangent) - self.latent(torch.zeros_like(tangent))

@@ -21,7 +21,7 @@ from scenes.mesh.surface import Surface
 from scenes.motion.bones import bone_lengths
 from scenes.motion.headings import heading, turned
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import FEET
+from scenes.motion.skeleton import FEET, size_of
 from scenes.world.scene import Scene
 
 FLOOR_BAND = 0.06
@@ -34,22 +34,23 @@ def skating_ratio(motion: Motion, ground: float | Float[Tensor, "*b T 2"] = 0.0)
     """Share of transitions in which a foot slides, by the definition of guided motion diffusion (GMD).
 
     A foot skates from t to t+1 when its joint is lower than 0.05 m in both frames and moves faster than 0.5 m/s in the
-    plane, both at that moment and averaged over five transitions (zeros beyond the ends); either foot counts. Frames
-    that are padding are cropped first. Rounded to four decimals per sample, as published figures are.
+    plane, both at that moment and averaged over five transitions (zeros beyond the ends); either foot counts. For
+    bodies of another size both are in proportion to the legs. Frames that are padding are cropped first. Rounded to
+    four decimals per sample, as published figures are.
 
     Args:
         motion: world coordinates; valid frames come first.
         ground: height (m) of the canonical frame's y = 0, i.e. of the lowest foot joint of a standing person; one, or
             one for each foot in each frame.
     """
-    feet = motion.select(FEET)
+    feet, size = motion.select(FEET), size_of(motion.skeleton)
     real = motion.valid[..., 1:] & motion.valid[..., :-1]
     speed = (feet[..., 1:, :, :] - feet[..., :-1, :, :])[..., [0, 2]].norm(dim=-1) * motion.fps
     speed = speed.transpose(-1, -2) * real[..., None, :]  # [*b, 2, T-1]
     flat = speed.reshape(-1, 1, speed.shape[-1])
     average = torch.nn.functional.avg_pool1d(flat, 5, stride=1, padding=2).reshape(speed.shape)
-    low = (feet[..., 1] - ground < 0.05).transpose(-1, -2)
-    skates = low[..., 1:] & low[..., :-1] & (speed > 0.5) & (average > 0.5)
+    low = (feet[..., 1] - ground < 0.05 * size).transpose(-1, -2)
+    skates = low[..., 1:] & low[..., :-1] & (speed > 0.5 * size) & (average > 0.5 * size)
     count = (skates.any(dim=-2) & real).sum(-1)
     return (count / real.sum(-1).clamp_min(1)).round(decimals=4)
 

@@ -2,8 +2,9 @@
 
 The editor keeps what it can (for MSCoT: tokens, as in MoSa, section IV-D), refinement draws the kept frames beside
 each seam onto the original and the whole motion towards its goals, and what then remains of a jump is spread over the
-frames made anew. Motions longer than an editor makes at once are edited in windows, each beginning where frames are
-known: those kept, or those that the window before has made.
+frames made anew. The motion keeps its own lengths: what is kept is put on rigid bones that are fitted to it, and the
+editor sees it on its own skeleton. Motions longer than an editor makes at once are edited in windows, each beginning
+where frames are known: those kept, or those that the window before has made.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from scenectl.control import ObjectiveGuide
+from scenectl.control import Figure, FigureGuide, ObjectiveGuide
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
@@ -26,14 +27,17 @@ from scenectl.generators.spec import Spec
 from scenectl.pipeline.parts import PartGuide, Window, windows_over
 from scenectl.pipeline.results import Result
 from scenectl.pipeline.run import score
-from scenectl.tasks.schema import SceneSpec
+from scenectl.tasks.schema import BodySpec, SceneSpec
 from scenectl.tasks.setup import start_of
 from scenectl.tasks.task import Task
 from scenectl.threads import threads
-from scenes.body.body import DEFAULT_BODY
+from scenes.body.body import DEFAULT_BODY, LARGEST, SHORTEST, SMALLEST, STATURE, TALLEST
 from scenes.errors import UserError
+from scenes.motion.fitting import skeleton_of
 from scenes.motion.frames import Place, origin_near
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
+from scenes.motion.skeleton import FEET
 
 BESIDE = 12
 """Kept frames beside each seam that refinement fits: those further off are put back as they were anyway."""
@@ -61,7 +65,7 @@ def edit(
 
     Args:
         generator: one that can edit.
-        motion: ``[T, J, 3]`` metres, world, on the generator's clock and skeleton, no longer than it makes motions.
+        motion: ``[T, J, 3]`` metres, world, on the generator's clock and of its joints, no longer than it makes any.
         regenerate: the frames to make anew; what the motion holds there is of no account.
         prompt: what the whole motion shall be.
         guide: further goals, for the whole motion as it is seen from `origin`.
@@ -71,7 +75,8 @@ def edit(
             near its first pelvis (`scenes.motion.frames.origin_near`), where that is far from the world's.
 
     Returns:
-        Motions ``[samples, T, J, 3]``, equal to the one given in every frame kept; without a step to refine further.
+        Motions ``[samples, T, J, 3]`` on one skeleton (`on_own_bones`), equal to the one given in every frame kept as
+        far as its bones have one length; without a step to refine further.
 
     Raises:
         UserError: a generator that cannot edit, or a motion or mask that is not as described.
@@ -81,17 +86,22 @@ def edit(
         raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
     check(motion, regenerate, generator.spec)
     origin = origin_near(motion.joint("pelvis")[0].tolist()) if origin is None else origin
-    whole, solver = motion.seen_from(origin), SolverSettings(iterations=iterations)
+    whole, solver = on_own_bones(motion.seen_from(origin), ~regenerate), SolverSettings(iterations=iterations)
+    ground, theirs = _ground(whole, ~regenerate), generator.spec.skeleton
+    there, back = Figure.between(whole.skeleton, theirs, ground), Figure.between(theirs, whole.skeleton, ground)
     edits, trace = [whole], {}
 
     def made(motion: Motion, window: Window, count: int, seed: int) -> list[Motion]:
         part, inside = window.of(motion), window.inside
         others = None if guide is None else PartGuide(guide, motion, window)
         keeping = SeamGuide(part, ~inside, others, window.toward(motion))
-        draft = generator.edit(part, inside, prompt, guide=keeping, samples=count, seed=seed, progress=progress)
+        told = keeping if back is None else FigureGuide(keeping, back)
+        given = part if there is None else there.of(part)
+        draft = generator.edit(given, inside, prompt, guide=told, samples=count, seed=seed, progress=progress)
         trace.update(draft.trace)
-        fitted = draft.motion if draft.step is None else refined(draft.step, keeping, solver)
-        several = window.put(motion, settled(part, fitted, inside).joints)
+        fitted = draft.motion if draft.step is None else refined(draft.step, told, solver)
+        fitted = fitted if back is None else back.of(fitted)
+        several = window.put(motion, rigid(settled(part, fitted, inside)).joints)
         return [several[k] for k in range(count)]
 
     with threads():
@@ -101,6 +111,19 @@ def edit(
     joints = torch.stack([motion.joints for motion in edits])
     batch = replace(whole, joints=joints, valid=whole.valid.expand(joints.shape[:2]))
     return Draft(batch.moved(origin), None, trace)
+
+
+def on_own_bones(motion: Motion, kept: Bool[Tensor, " T"]) -> Motion:
+    """One motion ``[T, J, 3]`` on a skeleton with the lengths of its kept frames, of which none changes any more."""
+    fitted = skeleton_of(replace(motion, joints=motion.joints[kept], valid=motion.valid[kept]))
+    return rigid(motion, fitted)
+
+
+def _ground(motion: Motion, kept: Bool[Tensor, " T"]) -> tuple[float, float, float]:
+    """Where (m) the body stands in the first kept frame: under its pelvis, as high as its lower foot."""
+    frame = int(kept.int().argmax())
+    x, _, z = motion.joint("pelvis")[frame].tolist()
+    return x, float(motion.select(FEET)[frame, :, 1].min()), z
 
 
 def _seed(seed: int, window: int, sample: int) -> int:
@@ -143,13 +166,16 @@ def edited(
 
     Args:
         generator, motion, regenerate, prompt, samples, seed, progress: as `edit` takes them.
-        task: scene and goals, which guide what is made and are measured; by default there is only the floor that the
-            kept frames stand on.
+        task: scene, body and goals, which guide what is made and are measured; by default there is only the floor that
+            the kept frames stand on, and a person with legs as long.
     """
     check(motion, regenerate, generator.spec)
     if task is None:
-        floor = float(motion.joints[~regenerate][..., 1].min()) - DEFAULT_BODY.sole_offset
-        task = Task(prompt=prompt, seconds=motion.seconds, scene=SceneSpec(floor=floor))
+        height = round(STATURE * on_own_bones(motion, ~regenerate).skeleton.legs / DEFAULT_BODY.skeleton.legs, 2)
+        body = None if height == STATURE else BodySpec(height=min(max(height, SHORTEST), TALLEST))
+        task = Task(prompt=prompt, seconds=motion.seconds, body=body)
+        floor = float(motion.joints[~regenerate][..., 1].min()) - task.load_body().sole_offset
+        task = task.model_copy(update={"scene": SceneSpec(floor=floor)})
     task = task.model_copy(update={"prompt": prompt, "seconds": task.seconds or motion.seconds})
     with task.named():
         setup = task.build(start=start_of(motion, task.load_body()), spec=generator.spec)
@@ -161,7 +187,11 @@ def edited(
     result = score(made.motion, task, progress, setup=setup)
     result.report["seed"] = seed
     result.report["generator"] = {"name": generator.name, "licence": generator.licence, "trace": {}}
-    result.report["edit"] = {"regenerated_frames": regenerate.nonzero().flatten().tolist()}
+    moved = (made.motion.joints - motion.joints)[:, ~regenerate].norm(dim=-1).max()
+    result.report["edit"] = {
+        "regenerated_frames": regenerate.nonzero().flatten().tolist(),
+        "kept_moved_m": round(float(moved), 5),
+    }
     return result
 
 
@@ -188,14 +218,11 @@ def check(motion: Motion, regenerate: Bool[Tensor, " T"], spec: Spec) -> None:
         raise UserError("the edit makes no frame anew; name a part of the motion to regenerate")
     if regenerate.all():
         raise UserError("the edit keeps no frame; leave some, or generate a motion from the prompt alone")
-    parents, children = zip(*spec.skeleton.bones, strict=True)
-    kept = motion.joints[~regenerate]
-    lengths = (kept[:, list(children)] - kept[:, list(parents)]).norm(dim=-1).mean(0)
-    ratio = float(lengths.sum()) / float(spec.skeleton.bone_lengths[list(children)].sum())
-    if not 0.85 < ratio < 1.15:
+    size = on_own_bones(motion, ~regenerate).skeleton.legs / spec.skeleton.legs
+    if not SMALLEST <= size <= LARGEST:
         raise UserError(
-            f"the motion's bones are {ratio:.2f} times as long as the uniform skeleton's; bring it to that size first "
-            "(scenectl.data.features.to_uniform_skeleton)"
+            f"the motion's legs are {size:.2f} times as long as an adult's; an edit takes people of {SMALLEST:g} to "
+            f"{LARGEST:g} times that: check the file's unit"
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from objectives import Context, Objective
-from scenectl.control import FreeStart, GuidanceSettings, ObjectiveGuide, SolverSettings, refine
+from scenectl.control import Figure, FreeStart, GuidanceSettings, ObjectiveGuide, SolverSettings, refine
 from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.solvers.problem import Solution
 from scenectl.generators.base import Generator, Progress, silent
@@ -55,20 +55,21 @@ def make(
         prompts, seconds, start, samples, seed: as `Generator.generate` takes them.
         objective: the goals; without any, the draft is the motion. Families that take goals as inputs are told their
             targets.
-        context: scene and body.
+        context: scene and body; motions are on its bones.
         solver, guidance: settings.
         free_start: where motions begin is solved for, from `start` on.
         progress: called with what is being done and the fraction done.
     """
     unknown = FreeStart(start.position) if free_start else None
-    guide = ObjectiveGuide(objective, context, guidance, unknown) if objective.counted else None
+    figure = Figure.between(generator.spec.skeleton, context.body.skeleton, start.position)
+    guide = ObjectiveGuide(objective, context, guidance, unknown, figure=figure) if objective.counted else None
     takes = "conditions" in generator.spec.abilities and unknown is None
-    conditions = conditions_of(objective, context, start, seconds, generator.spec) if takes else None
+    conditions = conditions_of(objective, context, start, seconds, generator.spec, figure) if takes else None
     draft = generator.generate(
         prompts, seconds, start, conditions=conditions, guide=guide, samples=samples, seed=seed, progress=progress
     )
     if guide is None:
-        return Made(draft.motion, None, None, draft.trace)
+        return Made(draft.motion if figure is None else figure.of(draft.motion), None, None, draft.trace)
     step = MappedStep(SmoothStep.of(draft.motion), rigid) if draft.step is None else draft.step
-    refined = refine(step, objective, context, solver, unknown, progress)
+    refined = refine(step, objective, context, solver, unknown, progress, figure)
     return Made(refined.motion, refined.unrefined, refined.solution, draft.trace)

@@ -77,10 +77,14 @@ class BodyTable(_Table):
     """The body that touched things.
 
     Attributes:
-        source: of its measures; sole_offset_m: height of the lowest foot joint over the sole; radii: of its parts.
+        source: of its measures; height_m: its stature; legs: how many times as long as an adult's they are; None in
+            reports of before bodies had other sizes.
+        sole_offset_m: height of the lowest foot joint over the sole; radii: of its parts.
     """
 
     source: str
+    height_m: Number | None = None
+    legs: Number | None = None
     sole_offset_m: Number
     radii: list[dict[str, Any]]
 
@@ -214,9 +218,10 @@ class MachineTable(_Table):
 
 
 class EditTable(_Table):
-    """Which frames of which motion `scenectl edit` made anew."""
+    """Which frames of which motion `scenectl edit` made anew, and how far (m) bones of one length moved those kept."""
 
     regenerated_frames: list[int]
+    kept_moved_m: Number | None = None
     motion: str | None = None
 
 

@@ -22,7 +22,7 @@ from scenectl.generators.registry import DEFAULT, Family, find
 from scenectl.generators.weights import bundled_weights
 from scenectl.tasks.dump import plain, scene_table, term_table
 from scenectl.threads import MOST
-from scenes.body.body import DEFAULT_BODY, ProxyBody
+from scenes.body.body import DEFAULT_BODY, SHORTEST, TALLEST, ProxyBody
 from scenes.body.proxies import load_body
 from scenes.errors import UserError, clipped, did_you_mean, shown
 from scenes.mesh.mesh import load_mesh
@@ -30,6 +30,7 @@ from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
 from scenes.tables import Table
 from scenes.validation import sentence
+from scenes.world.floor.mapping import HEIGHT, RADIUS
 from scenes.world.floor.planning import FreeArea
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
@@ -173,8 +174,9 @@ class Walk(_Table):
             says which storey.
         via: places to pass on the way, in order, a list of them.
         via_tolerance: how near counts as passed (m).
-        radius: of the body while planning (m).
-        height: that shall be free along the path (m); less where the person shall duck.
+        radius: of the body while planning (m); by default 0.3 for an adult, others as broad as they are.
+        height: that shall be free along the path (m); by default 1.8 for an adult of 1.7, others as tall as they are.
+            Less where the person shall duck.
         arrive: when (s); by default at the end, or in time to stop there. Where other goals ask for something later,
             the walk holds nothing from there on.
         stop: it ends standing, both feet on the ground; false walks on to the end.
@@ -185,8 +187,8 @@ class Walk(_Table):
 
     to: Spot
     via: tuple[Spot, ...] = ()
-    radius: Annotated[float, Field(gt=0.05, le=1.0)] = 0.3
-    height: Annotated[float, Field(gt=0.3, le=3.0)] = 1.8
+    radius: Annotated[float | None, Field(gt=0.05, le=1.0)] = None
+    height: Annotated[float | None, Field(gt=0.3, le=3.0)] = None
     via_tolerance: Annotated[float, Field(gt=0)] = 0.15
     arrive: float | None = None
     stop: bool = True
@@ -198,11 +200,32 @@ class Walk(_Table):
         """The same walk so much (m) further."""
         return self.model_copy(update={"to": _moved(self.to, by), "via": tuple(_moved(p, by) for p in self.via)})
 
+    def room(self, body: ProxyBody) -> tuple[float, float]:
+        """Radius and height (m) of what is kept free: as stated, or as a body needs."""
+        radius, height = room_of(body)
+        return self.radius or radius, self.height or height
+
     def path(self, area: FreeArea, start: Spot) -> np.ndarray:
-        """The planner's way from `start` over `via` to `to`, ``[P, 3]``; UserError when there is none."""
+        """The planner's way from `start` over `via` to `to`, ``[P, 3]``, with the area's room; UserError if none."""
         stops = [start, *self.via, self.to]
-        legs = [area.path(a, b, self.radius) for a, b in pairwise(stops)]
+        legs = [area.path(a, b) for a, b in pairwise(stops)]
         return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+
+
+def room_of(body: ProxyBody) -> tuple[float, float]:
+    """Radius and height (m) of what is kept free for a body that walks."""
+    radius, height = RADIUS * body.breadth / DEFAULT_BODY.breadth, HEIGHT * body.height / DEFAULT_BODY.height
+    return round(radius, 3), round(height, 3)
+
+
+class BodySpec(_Table):
+    """A person of another size, in an adult's proportions; what walks, speeds and distances follow.
+
+    Attributes:
+        height: stature (m).
+    """
+
+    height: Annotated[float, Field(ge=SHORTEST, le=TALLEST)]
 
 
 class GeneratorSpec(_Table):
@@ -256,7 +279,8 @@ class TaskTable(_Table):
         start: "sample" (a free place, chosen by the seed) or a table (`Start`); by default sampled in a scene with
             obstacles and the origin without.
         walk: where to walk (`Walk`), planned around the obstacles.
-        body: file that `scenectl body CHARACTER --json` wrote, for a character with our 22 joints; by default an adult.
+        body: { height = 1.6 } for a person so tall (m), 1.2 to 2.1, or the file that `scenectl body CHARACTER --json`
+            wrote, for a character with our 22 joints; by default an adult of 1.7.
         avoid: whether the scene is avoided: where it has a mesh, primitives or objects, the task has the goal
             `sdf_penetration` with options that work (`AVOID`) and, where it walks ([walk], or `follow_path` of the
             pelvis), `foot_contact` (`GROUND`). A table states some of the keys of `sdf_penetration` otherwise, such as
@@ -273,7 +297,7 @@ class TaskTable(_Table):
     scene: SceneSpec | Scene = SceneSpec()
     start: Literal["sample"] | Start | None = None
     walk: Walk | None = None
-    body: Path | None = None
+    body: BodySpec | Path | None = None
     avoid: StrictBool | dict[str, Any] = True
     goals: Annotated[tuple[Any, ...], Field(alias="goal")] = ()
     generator: GeneratorSpec = GeneratorSpec()
@@ -364,8 +388,10 @@ class TaskTable(_Table):
         return self.scene if isinstance(self.scene, Scene) else self.scene.build()
 
     def load_body(self) -> ProxyBody:
-        """The body that touches things: of the file, or an adult's."""
-        return DEFAULT_BODY if self.body is None else load_body(self.body)
+        """The body that moves and touches things: so tall, of the file, or an adult's."""
+        if self.body is None:
+            return DEFAULT_BODY
+        return ProxyBody.human(self.body.height) if isinstance(self.body, BodySpec) else load_body(self.body)
 
     def dump(self) -> dict[str, Any]:
         """Plain values that `Task(**values)` builds the same task from, as far as its scene comes from files."""

@@ -12,9 +12,9 @@ import torch
 from objectives import Context, Objective
 from scenectl.generators.spec import Spec
 from scenectl.tasks.conditions import Target, targets_of
-from scenectl.tasks.schema import Start, TaskTable, Walk
+from scenectl.tasks.schema import Start, TaskTable, Walk, room_of
 from scenectl.tasks.walk import FASTEST_WALK, WAIT, Schedule, seconds_for, walk_terms
-from scenes.body.body import DEFAULT_BODY, ProxyBody
+from scenes.body.body import DEFAULT_BODY, STATURE, ProxyBody
 from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place
 from scenes.motion.motion import Motion, Pose2D
@@ -105,9 +105,9 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     spec = task.generator.family.spec if spec is None else spec
     body = task.load_body()
     rng = np.random.default_rng(task.seed if seed is None else seed)
-    area = None if task.walk is None else free_area(scene, task.walk.radius, task.walk.height)
+    area = None if task.walk is None else free_area(scene, *task.walk.room(body))
     if start is None:
-        place = _place(task, scene, area, rng, spec.window)
+        place = _place(task, scene, area, rng, spec.window, body)
         _check_standing(scene, place, body)
     else:
         place = _below(scene, start.position)
@@ -115,7 +115,7 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     reached = scene if free else scene.reached_from(place)
     context = Context(reached, body)
     path = None if task.walk is None or area is None else _path(task.walk, area, place)
-    seconds = _seconds(task, path, spec)
+    seconds = _seconds(task, path, spec, body)
     if start is None:
         start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), _heading(task, path))
     walk = () if task.walk is None or path is None else walk_terms(task.walk, path, seconds, spec.fps, task.terms, body)
@@ -163,7 +163,7 @@ def _astray(scene: Scene, place: tuple[float, float, float]) -> tuple[str, ...]:
 
 
 def _place(
-    task: TaskTable, scene: Scene, area: FreeArea | None, rng: np.random.Generator, window: float
+    task: TaskTable, scene: Scene, area: FreeArea | None, rng: np.random.Generator, window: float, body: ProxyBody
 ) -> tuple[float, float, float]:
     """Ground point of the start: stated, sampled, or the origin."""
     if isinstance(task.start, Start):
@@ -171,12 +171,12 @@ def _place(
         return (p[0], _ground(scene, p[0], p[1]), p[1]) if len(p) == 2 else (p[0], p[1], p[2])
     if task.start is None and not (scene.meshes or scene.primitives or scene.objects):
         return 0.0, scene.floor.height, 0.0
-    area = free_area(scene) if area is None else area
+    area = free_area(scene, *room_of(body)) if area is None else area
     if task.walk is None:
-        x, z = (float(value) for value in area.sample(1, rng, 0.4)[0])
+        x, z = (float(value) for value in area.sample(1, rng, area.radius + 0.1)[0])
         return x, _ground(scene, x, z), z
-    storeys = sorted({0, area.storey(task.walk.to, task.walk.radius)}, reverse=True)
-    tries = [(k, *place) for k in storeys for place in area.sample(64, rng, task.walk.radius, k).tolist()]
+    storeys = sorted({0, area.storey(task.walk.to)}, reverse=True)
+    tries = [(k, *place) for k in storeys for place in area.sample(64, rng, storey=k).tolist()]
     for storey, x, z in tries:
         ground = float(area.sheets[storey].ground(np.array([[x, z]]))[0]) if storey else _ground(scene, x, z)
         place = (x, ground, z)
@@ -184,7 +184,7 @@ def _place(
             length = walked(task.walk.path(area, place))
         except UserError:
             continue
-        if 1.0 <= length <= 0.75 * FASTEST_WALK * min(task.seconds or window, window):
+        if 1.0 <= length <= 0.75 * FASTEST_WALK * body.size * min(task.seconds or window, window):
             return place
     raise UserError(f"no free start from which {_at(scene, task.walk.to)} can be walked to was found; state 'start'")
 
@@ -215,7 +215,7 @@ def _heading(task: TaskTable, path: np.ndarray | None) -> float:
     return 0.0 if path is None else heading_along(path)
 
 
-def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
+def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec, body: ProxyBody) -> float:
     if path is None or task.walk is None:
         assert task.seconds is not None
         return task.seconds
@@ -223,7 +223,7 @@ def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
     seconds = task.seconds
     if seconds is None:
         waiting = WAIT if task.scene.objects else 0.0
-        seconds = max(round(seconds_for(walk, length) + waiting, 1), spec.shortest)
+        seconds = max(round(seconds_for(walk, length, body) + waiting, 1), spec.shortest)
         if seconds > spec.longest:
             raise UserError(
                 f"walk: the path is {length:.1f} m long, {seconds:g} s at a walk, and a motion lasts {spec.longest:g} "
@@ -234,8 +234,9 @@ def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec) -> float:
         raise UserError(f"walk: 'arrive' is {walk.arrive:g} s; give a time within the {seconds:g} s of the task{more}")
     arrive = seconds if walk.arrive is None else walk.arrive
     walking = Schedule.of(walk, seconds, spec.fps).walking if walk.stop else arrive
-    if length > FASTEST_WALK * walking:
-        unstopped = " and stop (stop = false walks on)" if length <= FASTEST_WALK * arrive else ""
+    fastest = FASTEST_WALK * body.size
+    if length > fastest * walking:
+        unstopped = " and stop (stop = false walks on)" if length <= fastest * arrive else ""
         raise UserError(
             f"walk: the path is {length:.1f} m long, too far to walk in {arrive:g} s{unstopped} "
             f"({length / walking:.1f} m/s); give more seconds or a nearer target"
@@ -273,7 +274,7 @@ def _check_standing(scene: Scene, place: tuple[float, float, float], body: Proxy
             f"start {_at(scene, (x, z))} lies outside the scene, which spans x {low[0] + ox:.2f} to {high[0] + ox:.2f} "
             f"and z {low[2] + oz:.2f} to {high[2] + oz:.2f} m"
         )
-    heights = torch.linspace(0.35, 1.5, 8)
+    heights = torch.linspace(0.35, 1.5, 8) * body.height / STATURE
     column = torch.stack([torch.full_like(heights, x), y + heights, torch.full_like(heights, z)], dim=-1)
     clearance = scene.distance(column, torch.zeros(len(heights)))
     ground = float(scene.distance(torch.tensor([[x, y, z]]), torch.zeros(1)))

@@ -19,6 +19,8 @@ from scenes.motion.skeleton import FEET
 from scenes.world.floor.levels import STEP
 from scenes.world.floor.polyline import resample, sloped, walked
 
+# Lengths and speeds here are an adult's: those of a body go with its legs (`ProxyBody.size`), since it takes as many
+# steps a second (`scenectl.control.figure`).
 FASTEST_WALK = 1.6
 """Metres a second beyond which a path is refused as too long for its task: a brisk walk."""
 PACE = 1.4
@@ -82,9 +84,9 @@ class Schedule:
         return self.arrive - float(np.sqrt(max(2 * self.brake * (self.walking - even), 0.0)))
 
 
-def seconds_for(walk: Walk, length: float) -> float:
-    """Seconds that a path of so many metres takes at a person's usual pace, with time to stop where it does."""
-    return length / PACE + (BRAKE / 2 + STAND if walk.stop else 0.0)
+def seconds_for(walk: Walk, length: float, body: ProxyBody = DEFAULT_BODY) -> float:
+    """Seconds that a path of so many metres takes at a body's usual pace, with time to stop where it does."""
+    return length / (body.size * PACE) + (BRAKE / 2 + STAND if walk.stop else 0.0)
 
 
 def walk_terms(
@@ -110,7 +112,8 @@ def walk_terms(
     """
     schedule = Schedule.of(walk, seconds, fps)
     x, _, z = path[-1].tolist()
-    asked = None if walk.arrive is None else _first_asked(goals, schedule.arrive, (x, z))
+    reach = REACH * body.size
+    asked = None if walk.arrive is None else _first_asked(goals, schedule.arrive, (x, z), reach)
     until = schedule.last if asked is None else max(min(schedule.arrive + STAND, asked), schedule.arrive + 1 / fps)
     terms = _way(walk, path, schedule, None if asked is None else until, fps, body)
     rest = (schedule.arrive, min(schedule.arrive + STAND, until))
@@ -131,15 +134,15 @@ def _way(
     rises = bool(np.ptp(path[:, 1]) > STEP)
     # 5 cm between vertices would only cost time; the places that are passed stay among them.
     flat = [resample(leg[:, [0, 2]], 0.2) for leg in legs]
-    line = sloped(path, STRIDE) if rises else np.concatenate([flat[0], *(leg[1:] for leg in flat[1:])])
+    line = sloped(path, STRIDE * body.size) if rises else np.concatenate([flat[0], *(leg[1:] for leg in flat[1:])])
     corridor = {
         "path": line.tolist(),
         "half_width": walk.half_width,
         "begin": 0.0,
         "end": schedule.arrive,
         "brake": schedule.brake,
-        "lag": LAG,
-        "height": PELVIS + body.sole_offset if rises else None,
+        "lag": LAG * body.size,
+        "height": PELVIS * body.size + body.sole_offset if rises else None,
     }
     window = None if until is None else (0.0, until)
     terms = [Term("follow_path", corridor, walk.weight, window=window, name="walk: path")]
@@ -177,26 +180,26 @@ def _legs(path: np.ndarray, via: Sequence[Spot]) -> list[np.ndarray]:
     return [path[a : b + 1] for a, b in pairwise([*cuts, len(path) - 1])]
 
 
-def _first_asked(goals: Sequence[Term], arrive: float, end: tuple[float, float]) -> float | None:
+def _first_asked(goals: Sequence[Term], arrive: float, end: tuple[float, float], reach: float) -> float | None:
     """When (s) the first goal after arrival asks for what a walk holds, which ends at x and z (m); None if none does.
 
-    Such a goal begins after it, or pulls beyond it.
+    Such a goal begins after it, or pulls beyond it; by more than a hand's `reach` (m), where it draws to a place.
     """
     found = [
         max(begin, arrive)
         for term in goals
-        if term.weight > 0 and _asks(term, end)
+        if term.weight > 0 and _asks(term, end, reach)
         for begin, finish in _spans(term)
         if begin > arrive or (term.spec.pulls and finish > arrive)
     ]
     return min(found, default=None)
 
 
-def _asks(term: Term, end: tuple[float, float]) -> bool:
+def _asks(term: Term, end: tuple[float, float], reach: float) -> bool:
     """Whether a goal is about the pelvis or legs, or draws to a place that is out of reach from a place [x, z] (m)."""
     named = {*term.joints, *chain(*(_names(term.parameters.get(key)) for key in ("joints", "feet")))}
     away = [place[[0, 2]] - end for place in places(dict(term.parameters))] if term.spec.pulls else []
-    return bool(named & LEGS) or any(np.linalg.norm(offset) > REACH for offset in away)
+    return bool(named & LEGS) or any(np.linalg.norm(offset) > reach for offset in away)
 
 
 def _names(joints: str | Sequence[str] | None) -> Sequence[str]:

@@ -81,6 +81,8 @@ def _hours_table(what: str, frames: Mapping[str, int]) -> list[str]:
 
 def _row(part: str, loop: Loop) -> tuple[str, ...]:
     parameters = sum(p.numel() for p in loop.module.parameters()) / 1e6
+    if not loop.iteration:
+        return part, "taken over", "-", f"{parameters:.2f} M", "-", "-"
     last = f"{loop.curve[-1]['loss']:.3f}" if loop.curve else "-"
     rate = f"{loop.frames_per_second:,.0f}" if loop.frames_per_second is not None else "-"
     return part, f"{loop.iteration}", f"{loop.seconds / 60:.0f}", f"{parameters:.2f} M", last, rate

@@ -22,6 +22,7 @@ def train(
     text: str | None = None,
     threads: int | None = None,
     device: str = "auto",
+    weights: str | Path | None = None,
     *,
     plan: Training[Any],
 ) -> Path:
@@ -38,6 +39,8 @@ def train(
         text: text encoder instead of the recipe's (a folder with CLIP, say); the networks take its width.
         threads: CPU threads; torch's choice by default.
         device: "cpu", "cuda", or "auto"; a run may go on elsewhere than where it began.
+        weights: exported ones (a folder, or the name of bundled ones), whose networks stand for stages that `out` has
+            not trained: to train one stage of finished weights anew.
         plan: of the recipe's family (`scenectl.generators.training.plan_of`).
 
     Returns:
@@ -53,7 +56,7 @@ def train(
         use(threads)
     if text is not None:
         recipe = plan.with_text(recipe, text)
-    run = Run(plan, recipe, Path(data), out, iterations, place(device, recipe.precision))
+    run = Run(plan, recipe, Path(data), out, iterations, place(device, recipe.precision), weights)
     names = [*run.stages, "export"] if stage == "all" else [stage]
     is_humanml3d(Path(data))  # a wrong folder or encoder is found now rather than after hours
     if any(run.stages[name].reads_text for name in names if name in run.stages):

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.clips import ClipSet
-from scenectl.data.features import FPS, features_to_joints
+from scenectl.data.features import FPS, body_joints, features_to_joints, on_body
 from scenectl.training.card import table
 from scenes.motion.skeleton import HUMANML3D
 
@@ -50,9 +50,9 @@ def error_by_source(round_trip: RoundTrip, data: ClipSet, frames: int) -> dict[s
 def joints_after(
     round_trip: RoundTrip, features: Float[Tensor, "C T 263"]
 ) -> tuple[Float[Tensor, "C T 22 3"], Float[Tensor, "C T 22 3"]]:
-    """Joints (canonical, m) of what a model makes of the features, and the true ones."""
+    """Joints (canonical, m) of what a model makes of the features, and the true ones, both on rigid bones."""
     got = torch.cat([round_trip(part) for part in features.split(64)])
-    return features_to_joints(got), features_to_joints(features)
+    return body_joints(got), features_to_joints(on_body(features))
 
 
 def error_by_joint(got: Float[Tensor, "C T 22 3"], true: Float[Tensor, "C T 22 3"]) -> dict[str, dict[str, float]]:

@@ -7,9 +7,16 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from scenectl.data.features import CONTACT_JOINTS, CONTACTS, ROOT_VELOCITY, YAW, features_to_joints
+from scenectl.data.features import (
+    CONTACT_JOINTS,
+    CONTACTS,
+    ROOT_VELOCITY,
+    YAW,
+    body_joints,
+    features_to_joints,
+    on_body,
+)
 from scenectl.training.loop import LoopSettings
-from scenes.motion.rigid import on_bones
 from scenes.motion.skeleton import HUMANML3D
 from scenes.tables import Table
 
@@ -65,11 +72,13 @@ def reconstruction_loss(
 ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
     """The loss, and the mean global joint error in metres, of raw features.
 
-    Joints are those that a generated body will have, with rigid bones (`scenes.motion.rigid`).
+    Both are on a generated body's rigid bones: what is wanted by `on_body`, what came out by the map that decoders are
+    followed by.
     """
+    wanted = on_body(wanted)
     error = F.smooth_l1_loss(got / std, wanted / std, reduction="none", beta=0.5)
     root = error[..., YAW].mean() + error[..., ROOT_VELOCITY].mean()
-    joints, true = on_bones(features_to_joints(got), HUMANML3D), features_to_joints(wanted)
+    joints, true = body_joints(got), features_to_joints(wanted)
     difference = joints - true
     steps = difference.diff(dim=-3).abs()
     feet = steps[..., _FEET, :].mean()

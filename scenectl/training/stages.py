@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -97,6 +98,7 @@ class Training(Generic[R]):
         measure: figures of the finished networks on the train and test splits.
         report: lines of the model card about those figures.
         measured: further parts by file name, measured on the exported ones in a folder.
+        exported: the networks of exported weights, by the name of the stage that trained each.
         text: keys of the text encoder's name and width in the recipe; None where no stage reads text.
         comparison: of variants; None where the family has no sweep.
     """
@@ -108,6 +110,7 @@ class Training(Generic[R]):
     measure: Callable[[Run[R], Mapping[str, nn.Module], ClipSet, ClipSet], Figures] = lambda run, parts, train, test: {}
     report: Callable[[Figures], list[str]] = lambda figures: []
     measured: Mapping[str, Callable[[Run[R], Path], nn.Module]] = field(default_factory=dict)
+    exported: Callable[[str | Path], Mapping[str, nn.Module]] = lambda weights: {}
     text: tuple[str, str] | None = None
     comparison: Comparison | None = None
 
@@ -135,6 +138,7 @@ class Run(Generic[R]):
         out: folder of the run; each stage's state lies in a folder of its own inside.
         iterations: instead of the recipe's, for every stage.
         where: device and precision; the CPU in float32 by default.
+        weights: exported ones, by name or folder, whose networks stand for stages that this run has not trained.
         cache: folder of prepared data, which runs can share; one inside `out` by default.
         stages: those that the recipe has settings for.
     """
@@ -145,6 +149,7 @@ class Run(Generic[R]):
     out: Path
     iterations: int | None = None
     where: Placement = field(default_factory=Placement)
+    weights: str | Path | None = None
     cache: Path | None = None
 
     def __post_init__(self) -> None:
@@ -197,11 +202,27 @@ class Run(Generic[R]):
         self._check(name)
         settings: LoopSettings = getattr(self.recipe, name).loop
         loop = Loop(self.stages[name].build(self.recipe.model), settings, self.out / name, self.recipe.seed)
+        if not self._trained(name):
+            self._take_over(name, loop)
         loop.averaged.eval()
         return loop
 
+    def _take_over(self, name: str, loop: Loop) -> None:
+        """A stage's network from the exported weights; raises UserError where these are of other sizes."""
+        try:
+            loop.averaged.load_state_dict(self._exported[name].state_dict())
+        except (KeyError, RuntimeError) as error:
+            raise UserError(f"weights '{self.weights}' hold no {name} of this config's networks") from error
+
+    @cached_property
+    def _exported(self) -> Mapping[str, nn.Module]:
+        return {} if self.weights is None else self.plan.exported(self.weights)
+
+    def _trained(self, name: str) -> bool:
+        return (self.out / name / "state.safetensors").is_file()
+
     def _check(self, name: str) -> None:
-        if not (self.out / name / "state.safetensors").is_file():
+        if not self._trained(name) and name not in self._exported:
             raise UserError(f"'{self.out / name}' holds no trained {name}; train that stage first")
 
     def export(self) -> None:

@@ -54,13 +54,14 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     one = one_of(motion, sample, folder)
     task = Task(**report["task"])
     planned, scene = report.get("walk"), task.load_scene()
-    origin = task.origin(scene, start_of(one, task.load_body()))
+    body = task.load_body()
+    origin = task.origin(scene, start_of(one, body))
     task, one, scene = task.seen_from(origin), one.seen_from(origin), scene.seen_from(origin)
     path = None if planned is None else np.array(planned["path"]) - origin
     seconds, walk = float(report["seconds"]), task.walk
-    terms = () if walk is None or path is None else walk_terms(walk, path, seconds, motion.fps, task.terms)
+    terms = () if walk is None or path is None else walk_terms(walk, path, seconds, motion.fps, task.terms, body)
     goals = Objective((*terms, *task.terms, *task.avoided))
-    return _judged(Picture(scene, one, path, goals, task.prompt, task.load_body()), report["samples"][sample])
+    return _judged(Picture(scene, one, path, goals, task.prompt, body), report["samples"][sample])
 
 
 def _judged(picture: Picture, row: Mapping[str, Any]) -> Picture:

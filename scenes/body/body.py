@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,14 +19,25 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from scenes.errors import UserError, shown
+from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
-from scenes.motion.skeleton import HUMANML3D, Skeleton
+from scenes.motion.skeleton import HUMANML3D, Skeleton, size_of
 
 STRETCH = 1.1
 """Bones up to this much longer than the skeleton's keep gaps between samples below the capsule's radius."""
 
 THINNEST, THICKEST = 1e-3, 10.0
 """Metres: radii of a body. Thinner bones would need thousands of samples."""
+
+STATURE = 1.7
+"""Metres: of `ProxyBody.human()`. HumanML3D's hips stand 0.89 m over the soles, which is 0.53 of it (D. A. Winter,
+Biomechanics and Motor Control of Human Movement, 2009, fig. 4.1); the means of ANSUR II are 1.63 and 1.76 m."""
+
+SHORTEST, TALLEST = 1.2, 2.1
+"""Metres: statures that can be asked for. Younger children have other proportions than adults."""
+
+SMALLEST, LARGEST = 0.4, 1.6
+"""Legs that motions are made for, as multiples of an adult's: people of 0.7 to 2.7 m, the tallest ever measured."""
 
 _HUMAN: dict[str, Any] = tomllib.loads((Path(__file__).parent / "human.toml").read_text(encoding="utf-8"))
 
@@ -79,6 +90,8 @@ class _Samples:
 class ProxyBody:
     """Spheres and capsules on a skeleton. `ProxyBody.human()` is the adult of the tables, `DEFAULT_BODY` the same.
 
+    Bones and radii belong together: motions that are made for a body are on its skeleton.
+
     Ends of capsules carry the spheres of their joints, so a shank is round at the knee and thin at the ankle.
     Joints stop at the wrist and at the ball of the foot: a sphere covers the palm and one the back of the heel;
     fingers (about 8 cm), toes (about 6 cm) and the sole of the heel are not covered.
@@ -115,9 +128,56 @@ class ProxyBody:
             raise UserError("a body has a sphere, or its soles, far from its joints")
 
     @classmethod
-    def human(cls) -> ProxyBody:
-        """An adult on HumanML3D's skeleton (stature about 1.7 m), radii from ANSUR II means of both sexes."""
-        return cls(HUMANML3D, _human_spheres(), _human_capsules(), _SOLE, SOURCE)
+    def human(cls, height: float = STATURE) -> ProxyBody:
+        """A person on HumanML3D's skeleton, radii from ANSUR II means of both sexes, all in proportion to the stature.
+
+        People of other heights are taken for adults seen larger or smaller (geometric similarity). Of an adult that
+        holds within a few percent; a child of 1.2 m has shorter legs, by about 3 %, and a larger head than that.
+
+        Args:
+            height: stature (m), from `SHORTEST` to `TALLEST`.
+        """
+        if not SHORTEST <= height <= TALLEST:
+            raise UserError(f"a body's height is {shown(height)}; give {SHORTEST:g} to {TALLEST:g} m")
+        adult = cls(HUMANML3D, _human_spheres(), _human_capsules(), _SOLE, SOURCE)
+        if height == STATURE:
+            return adult
+        return replace(adult.scaled(height / STATURE), source=f"{SOURCE}, in proportion to a height of {height:g} m")
+
+    def scaled(self, by: float) -> ProxyBody:
+        """The same proportions, so many times as large."""
+        spheres = tuple(replace(sphere, radius=by * sphere.radius) for sphere in self.spheres)
+        capsules = tuple(replace(capsule, radius=by * capsule.radius) for capsule in self.capsules)
+        return replace(
+            self,
+            skeleton=self.skeleton.scaled(by),
+            spheres=spheres,
+            capsules=capsules,
+            sole_offset=by * self.sole_offset,
+        )
+
+    @cached_property
+    def height(self) -> float:
+        """Stature (m), as people stand, whose backs are not as straight as the T-pose's."""
+        top = float((self._rest[:, 1] + self.radii(self._rest)).max())
+        return _UPRIGHT * (top + self.skeleton.legs + self.sole_offset)
+
+    @cached_property
+    def breadth(self) -> float:
+        """Half the width (m) of shoulders or hips, whichever are wider."""
+        joints = {self.skeleton.index(f"{side}_{part}") for side in ("left", "right") for part in ("shoulder", "hip")}
+        rest = rest_pose(self.skeleton)
+        return max(abs(float(rest[s.joint, 0])) + s.radius for s in self.spheres if s.joint in joints)
+
+    @property
+    def size(self) -> float:
+        """How many times as long its legs are as an adult's: steps, speeds and heights of its motions are so, too."""
+        return size_of(self.skeleton)
+
+    @cached_property
+    def _rest(self) -> Float[Tensor, "M 3"]:
+        """Samples in the T-pose, the root at the origin."""
+        return self.points_of(rest_pose(self.skeleton))
 
     def points(self, motion: Motion) -> tuple[Float[Tensor, "*b T M 3"], Float[Tensor, " M"]]:
         """World positions of all samples (m) and their radii (m); raises UserError for another skeleton."""
@@ -233,6 +293,8 @@ def _blend(sphere: BodySphere) -> dict[int, float]:
 # The ankle of HumanML3D's people stands 47 mm above their foot joint (reference clip), the lateral malleolus of
 # ANSUR II's 0.042 of the stature, 71 mm, above the ground: the sole lies 25 mm below the foot joint.
 _SOLE = 0.025
+# The top of the adult's head is 1.7825 m over the soles in the T-pose.
+_UPRIGHT = STATURE / 1.782513
 
 
 def _mean(name: str) -> float:

@@ -7,18 +7,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from scenes.body.body import BodyCapsule, BodySphere, ProxyBody
 from scenes.body.capsules import SAMPLES, away_from_segment, sample_surface
 from scenes.body.rig import Rig
 from scenes.errors import UserError
-from scenes.motion.skeleton import HUMANML3D
+from scenes.motion.fitting import skeleton_of
+from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D, Skeleton
 
 PLACED = ("spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Joints that are placed between others where a character lacks them."""
 
 THINNEST = 0.01
 """Metres below which no radius goes: thinner capsules would need thousands of samples."""
+
+SHORTEST = 1e-3
+"""Metres below which a bone has no direction."""
 
 _AT = HUMANML3D.index
 
@@ -45,9 +51,9 @@ def fit_body(rig: Rig, joints: Mapping[str, str], coverage: float | int = 1.0) -
     """Spheres and capsules on the 22 joints around a character's triangles, as it stands at rest.
 
     Surface belongs to the nearest bone among those that start at its joint; fingers count as the wrist, and the ends of
-    limbs reach past their last joint. Radii and reaches are metres of the character, whatever the size of the
-    people in a motion. Nothing reaches below the soles, or every motion would stand in the floor; `source` says how far
-    the character sticks out of its body.
+    limbs reach past their last joint. Bones are as long as the character's, in the T-pose whatever it rests in: arms
+    that hang down only tell their lengths. Nothing reaches below the soles, or every motion would stand in the floor;
+    `source` says how far the character sticks out of its body.
 
     Args:
         rig: the character, y up, on its feet.
@@ -65,12 +71,12 @@ def fit_body(rig: Rig, joints: Mapping[str, str], coverage: float | int = 1.0) -
     for limb in limbs:  # a bone that no triangle is nearest to is as thick as the thinnest one beside it
         beside = [r for key, r in radii.items() if {limb.a, limb.b} & set(key) - {-1}]
         radii.setdefault((limb.a, limb.b), min(beside or radii.values()))
-    how = f"fitted to {rig.name}"
+    how, skeleton = f"fitted to {rig.name}", _skeleton(rig, place)
     on_joints = [
         BodySphere(name, j, max(r for key, r in radii.items() if j in key), how)
         for j, name in enumerate(HUMANML3D.names)
     ]
-    past = [sphere for limb in limbs if limb.b < 0 for sphere in _past(limb, radii[limb.a, -1], how)]
+    past = [sphere for limb in limbs if limb.b < 0 for sphere in _past(limb, radii[limb.a, -1], how, skeleton)]
     bones = tuple(BodyCapsule(a, b, radii[a, b], how) for a, b in HUMANML3D.bones)
     feet = place[[_AT("left_foot"), _AT("right_foot")], 1]
     sticks_out, where = _sticks_out(limbs, radii, on_joints, place)
@@ -78,7 +84,17 @@ def fit_body(rig: Rig, joints: Mapping[str, str], coverage: float | int = 1.0) -
         f"fitted to {rig.source}, {100 * coverage:g} % of what is around each bone; at rest the character sticks out "
         f"at most {1000 * sticks_out:.0f} mm, at the {where}"
     )
-    return ProxyBody(HUMANML3D, (*on_joints, *past), bones, float(feet.min()) - limbs[0].ground, source)
+    return ProxyBody(skeleton, (*on_joints, *past), bones, float(feet.min()) - limbs[0].ground, source)
+
+
+def _skeleton(rig: Rig, place: np.ndarray) -> Skeleton:
+    """The T-pose of a character whose joints stand at ``place [22, 3]`` at rest."""
+    skeleton = skeleton_of(Motion(torch.from_numpy(place)[None]))
+    for (parent, joint), length in zip(skeleton.bones, skeleton.bone_lengths[1:], strict=True):
+        if length < SHORTEST:
+            names = f"{HUMANML3D.names[parent]} and {HUMANML3D.names[joint]}"
+            raise UserError(f"{names} of '{rig.name}' lie in one place; state other links for them")
+    return skeleton
 
 
 def fits(joints: Mapping[str, str]) -> bool:
@@ -154,12 +170,12 @@ def _tip(points: np.ndarray, joint: np.ndarray, parent: np.ndarray) -> np.ndarra
     return tip
 
 
-def _past(limb: _Limb, radius: float, how: str) -> list[BodySphere]:
+def _past(limb: _Limb, radius: float, how: str, skeleton: Skeleton) -> list[BodySphere]:
     """Spheres from the last joint to the end of a limb, at most a radius apart."""
     base = HUMANML3D.parents[limb.a]
     reach = float(np.linalg.norm(limb.end - limb.start))
     count = math.ceil(reach / radius - 1e-9)
-    name, bone = HUMANML3D.names[limb.a], float(HUMANML3D.bone_lengths[limb.a])
+    name, bone = HUMANML3D.names[limb.a], float(skeleton.bone_lengths[limb.a])
     return [
         BodySphere(f"{name}_end_{k + 1}", limb.a, radius, how, base, reach * (k + 1) / count / bone)
         for k in range(count)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from pydantic import TypeAdapter, ValidationError
 from torch import Tensor
 
-from scenes.body.body import ProxyBody
+from scenes.body.body import LARGEST, SMALLEST, ProxyBody
 from scenes.body.capsules import SAMPLES, FittedCapsule, fit_capsule, inner_volume, quick_volume, sample_surface
 from scenes.body.fit import fit_body
 from scenes.body.rig import Part, Rig
@@ -152,8 +152,11 @@ class Proxies:
     def load(cls, path: str | Path) -> Proxies:
         """Read what `save` wrote; raises UserError naming the file for anything else."""
         table = read_json(path, "body file", "write it with scenectl body FILE --json")
-        if not isinstance(table, dict) or table.pop("format", None) != _FORMAT:
+        written = table.pop("format", None) if isinstance(table, dict) else None
+        if written not in (_FORMAT, _BEFORE):
             raise UserError(f"body file '{path}' is not of the format '{_FORMAT}'; write it with scenectl body --json")
+        if written == _BEFORE and isinstance(table.get("body"), dict):
+            table["body"]["skeleton"] = asdict(HUMANML3D)
         kind: Any = Annotated[cls, Strict()]
         try:
             found: Proxies = TypeAdapter(kind).validate_python(table)
@@ -187,7 +190,7 @@ class Proxies:
             return "it holds frames or capsules that cannot be"
         if unknown := {part.link for part in self.parts} - set(self.links):
             return f"it has no link '{min(unknown)}'"
-        if self.body is not None and self.body.skeleton != HUMANML3D:
+        if self.body is not None and self.body.skeleton.names != HUMANML3D.names:
             return "its body is made for another skeleton"
         return None
 
@@ -216,7 +219,8 @@ class Proxies:
         return torch.from_numpy(np.concatenate(points)), self.radii[owner], owner
 
 
-_FORMAT = "scenectl body 1"
+_FORMAT, _BEFORE = "scenectl body 2", "scenectl body 1"
+"""Bodies of format 1 had the radii of a character on an adult's bones."""
 
 
 def fit_proxies(
@@ -296,8 +300,17 @@ class _Piece:
 
 
 def load_body(path: str | Path) -> ProxyBody:
-    """The body of our 22 joints in a file that `Proxies.save` wrote; raises UserError where it holds none."""
+    """The body of our 22 joints in a file that `Proxies.save` wrote.
+
+    Raises:
+        UserError: it holds none, or one much smaller or larger than the people whose motions there are.
+    """
     found = Proxies.load(path)
     if found.body is None:
         raise UserError(f"body file '{path}' holds a robot or creature without our 22 joints, so no motion moves it")
+    if not SMALLEST <= found.body.size <= LARGEST:
+        raise UserError(
+            f"body file '{path}' holds a body with legs of {found.body.skeleton.legs:.2f} m; motions are made for legs "
+            f"of {SMALLEST * HUMANML3D.legs:.2f} to {LARGEST * HUMANML3D.legs:.2f} m"
+        )
     return found.body

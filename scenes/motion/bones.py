@@ -1,4 +1,4 @@
-"""Bones of a motion: their directions, their lengths, and how far these are from the skeleton's."""
+"""Bones of a motion, their lengths, and those of its skeleton."""
 
 from __future__ import annotations
 
@@ -27,19 +27,18 @@ def rest_lengths(motion: Motion) -> Float[Tensor, " B"]:
     return motion.joints.new_tensor(motion.skeleton.bone_lengths)[[child for _, child in motion.skeleton.bones]]
 
 
-def stretches(motion: Motion) -> Float[Tensor, "*b T B"]:
-    """By how much (m) each bone is longer than the skeleton's; 0 in padding."""
-    return (bone_lengths(motion) - rest_lengths(motion)) * motion.valid[..., None]
-
-
-def bone_errors(motion: Motion) -> Float[Tensor, "*b T"]:
-    """Mean distance (m) of each frame's bones from the skeleton's lengths; 0 in padding."""
-    return stretches(motion).abs().mean(-1)
-
-
 def rest_pose(skeleton: Skeleton) -> Float[Tensor, "J 3"]:
     """Positions (m) of a person's joints at rest, the root at the origin, in double precision."""
     rest = np.zeros((len(skeleton.names), 3))
     for parent, joint in skeleton.bones:
         rest[joint] = rest[parent] + np.asarray(skeleton.offsets[joint])
     return torch.from_numpy(rest)
+
+
+def standing_pose(skeleton: Skeleton) -> Float[Tensor, "J 3"]:
+    """The rest pose with arms that hang, as people stand; the same where the skeleton knows no arms."""
+    joints, arms = rest_pose(skeleton), ("elbow", "wrist")
+    for parent, joint in skeleton.bones:
+        if skeleton.names[joint].endswith(arms):
+            joints[joint] = joints[parent] - joints.new_tensor([0.0, float(skeleton.bone_lengths[joint]), 0.0])
+    return joints

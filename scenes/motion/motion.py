@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,8 +18,8 @@ from scenes.errors import UserError
 from scenes.files import atomic_write, readable
 from scenes.motion.frames import HOME, Place, about_y, back, fine_enough, shifted
 from scenes.motion.rates import stride_of
-from scenes.motion.skeleton import HUMANML3D, Skeleton
-from scenes.motion.sound import check_places, check_rate, check_shapes, check_times, check_valid
+from scenes.motion.skeleton import HUMANML3D, Skeleton, with_lengths
+from scenes.motion.sound import check_places, check_rate, check_rotations, check_shapes, check_times, check_valid
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,17 @@ class Motion:
         """Positions of several joints, in the order given."""
         return self.joints[..., self.skeleton.indices(names), :]
 
+    @cached_property
+    def rotations(self) -> Float[Tensor, "*b T J 4"]:
+        """Unit quaternions (w, x, y, z) of every joint against its parent in the T-pose, the root's in the world.
+
+        With the skeleton's offsets and the root's positions they give rigid bodies' joints back; see
+        `scenes.motion.kinematics`, which has the rule for what joints leave open.
+        """
+        from scenes.motion.kinematics import local_rotations  # it takes motions
+
+        return local_rotations(self)
+
     def frame_at(self, seconds: float) -> int:
         """Index of the frame nearest to a time on the task's clock; raises UserError outside it."""
         frame = round((seconds - self.t0) * self.fps)
@@ -135,6 +147,8 @@ class Motion:
     def resampled(self, fps: float | int) -> Motion:
         """The same at another rate: frames left out where the rates allow, lines between frames otherwise.
 
+        Bones are as long as the lines between their lengths say: what is rigid stays so.
+
         The first frame stays; the last is the last that the motion still reaches. Interpolated frames are real where
         both that they lie between are.
         """
@@ -144,7 +158,7 @@ class Motion:
         at = torch.arange(int(last * fps + 1e-6) + 1, dtype=torch.float64) / fps * self.fps
         before = at.long().clamp(max=self.frames - 1)
         after, share = (before + 1).clamp(max=self.frames - 1), (at - before)[:, None, None].to(self.joints)
-        joints = torch.lerp(self.joints[..., before, :, :], self.joints[..., after, :, :], share)
+        joints = _between(self.joints[..., before, :, :], self.joints[..., after, :, :], share, self.skeleton)
         return replace(self, joints=joints, valid=self.valid[..., before] & self.valid[..., after], fps=fps)
 
     def save(self, path: str | Path, **extra: np.ndarray | float | int | str) -> None:
@@ -153,12 +167,14 @@ class Motion:
             self.write(file, **extra)
 
     def write(self, file: IO[bytes], **extra: np.ndarray | float | int | str) -> None:
-        """Write `joints`, `valid`, `fps`, `t0`, joint names, parents, offsets, unit and axis, and `extra`, as an .npz.
+        """Write `joints`, `rotations` and what else tells a motion (docs/formats.md), and `extra`, as an .npz.
 
         Joints are float32, or float64 where they are far from the origin (`scenes.motion.frames.fine_enough`).
         """
         arrays: dict[str, Any] = {
+            "format": np.int64(FORMAT),
             "joints": fine_enough(self.joints.detach().cpu().numpy()),
+            "rotations": self.rotations.detach().cpu().numpy().astype(np.float32),
             "valid": self.valid.cpu().numpy(),
             "fps": np.float64(self.fps),
             "t0": np.float64(self.t0),
@@ -191,7 +207,8 @@ class Motion:
         """A motion of the arrays that `save` writes: the one place where motions from files are checked.
 
         Args:
-            data: `joints` and `fps`; what else is left out is as `Motion` has it by default.
+            data: `joints` and `fps`; what else is left out is as `Motion` has it by default. Rotations are checked, and
+                made anew of the joints.
 
         Raises:
             ValueError: what is wrong, to be carried on by the caller from "file 'x' ...".
@@ -210,11 +227,31 @@ class Motion:
         check_times(t0)
         check_valid(valid)
         check_places(joints, skeleton.names)
+        if rests(arrays):
+            check_rotations(arrays)
         return cls(torch.from_numpy(joints), torch.from_numpy(valid), fps, t0, skeleton)
 
 
+def _between(
+    a: Float[Tensor, "*b T J 3"], b: Float[Tensor, "*b T J 3"], share: Float[Tensor, "T 1 1"], skeleton: Skeleton
+) -> Float[Tensor, "*b T J 3"]:
+    """Joints a share of the way from a to b: the root along a line, and so the directions and lengths of bones."""
+    joints = torch.lerp(a, b, share)
+    placed = [joints[..., 0, :]]
+    for joint, parent in enumerate(skeleton.parents[1:], 1):
+        bone = joints[..., joint, :] - joints[..., parent, :]
+        first, last = ((side[..., joint, :] - side[..., parent, :]).norm(dim=-1, keepdim=True) for side in (a, b))
+        length = torch.lerp(first, last, share[..., 0])
+        placed.append(placed[parent] + bone * (length / bone.norm(dim=-1, keepdim=True).clamp_min(1e-9)))
+    return torch.stack(placed, dim=-2)
+
+
+FORMAT = 2
+"""Of motion files: since 2 they hold rotations, and offsets of the T-pose."""
 _KINDS = {
     "joints": "fiu",
+    "rotations": "fiu",
+    "format": "iu",
     "valid": "biu",
     "fps": "fiu",
     "t0": "fiu",
@@ -225,18 +262,27 @@ _KINDS = {
 _WORDS = {"fiu": "numbers", "biu": "true or false", "US": "text", "iu": "whole numbers"}
 
 MOST_BYTES = 2**29
-"""Bytes that the arrays of a motion file may take: 256 motions of 60 s at 20 frames a second take 81 MB."""
+"""Bytes that the arrays of a motion file may take: 256 motions of 60 s at 20 frames a second take 190 MB."""
 
 
 def read_motion_arrays(path: str | Path, keys: Collection[str] = tuple(_KINDS)) -> dict[str, np.ndarray]:
     """Arrays of an .npz file, of those keys; raises ValueError and OSError as `scenes.archive.load_npz` does.
 
-    Shapes are held against each other before any array is read.
+    Shapes are held against each other before any array is read. What others call a format, or rotations, isn't read.
     """
-    shapes = {key: header.shape for key, header in npz_headers(path).items()}
+    headers = npz_headers(path)
+    if "format" not in headers or headers["format"].dtype.kind not in _KINDS["format"]:
+        keys = {*keys} - {"format", "rotations"}
+    shapes = {key: header.shape for key, header in headers.items()}
     if "joints" in shapes:
         check_shapes({key: shape for key, shape in shapes.items() if key in _KINDS})
     return load_npz(path, keys, MOST_BYTES)
+
+
+def rests(arrays: Mapping[str, np.ndarray]) -> bool:
+    """Whether a file's offsets are those of a T-pose, and its rotations ours: from `FORMAT` on."""
+    told = arrays.get("format", np.zeros((), int))
+    return told.size == 1 and int(told.item()) >= FORMAT
 
 
 def _skeleton(arrays: Mapping[str, np.ndarray]) -> Skeleton:
@@ -245,7 +291,12 @@ def _skeleton(arrays: Mapping[str, np.ndarray]) -> Skeleton:
     names = tuple(arrays["joint_names"].astype(str).tolist()) if "joint_names" in arrays else HUMANML3D.names
     if {"parents", "offsets"} <= arrays.keys():
         offsets = tuple((x, y, z) for x, y, z in arrays["offsets"].astype(float).tolist())
-        return Skeleton(names, tuple(arrays["parents"].tolist()), offsets)
+        stated = Skeleton(names, tuple(arrays["parents"].tolist()), offsets)
+        if rests(arrays) or (stated.names, stated.parents) != (HUMANML3D.names, HUMANML3D.parents):
+            return stated
+        # Older files rest with hanging arms: of their offsets lengths count.
+        same = np.allclose(stated.bone_lengths, HUMANML3D.bone_lengths, rtol=0, atol=1e-4)
+        return HUMANML3D if same else with_lengths(HUMANML3D, stated.bone_lengths)
     if count != len(HUMANML3D.names) or names != HUMANML3D.names:
         raise ValueError(f"it has {count} joints of a skeleton that it does not describe by 'parents' and 'offsets'")
     return HUMANML3D

@@ -1,4 +1,4 @@
-"""Rotations in space as matrices: of quaternions, between directions, and of vectors."""
+"""Rotations in space, as matrices and as unit quaternions (w, x, y, z)."""
 
 from __future__ import annotations
 
@@ -22,6 +22,37 @@ def matrices(quaternions: Float[Tensor, "*b 4"]) -> Float[Tensor, "*b 3 3"]:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
+
+
+def unit_quaternions(rotations: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 4"]:
+    """Unit quaternions (w, x, y, z) of rotation matrices: of q and -q either one."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (row.unbind(-1) for row in rotations.unbind(-2))
+    # Four times the products of all pairs: every row is q, and the one with the largest square is sound.
+    rows = [
+        [1 + xx + yy + zz, zy - yz, xz - zx, yx - xy],
+        [zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx],
+        [xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy],
+        [yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz],
+    ]
+    products = torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
+    largest = products.diagonal(dim1=-2, dim2=-1).argmax(-1)
+    found = products.take_along_dim(largest[..., None, None], dim=-2).squeeze(-2)
+    return found / found.norm(dim=-1, keepdim=True)
+
+
+def steady(quaternions: Float[Tensor, "*b T J 4"]) -> Float[Tensor, "*b T J 4"]:
+    """The same rotations by quaternions that go on from frame to frame without a change of sign; w >= 0 at first."""
+    near = (quaternions[..., 1:, :, :] * quaternions[..., :-1, :, :]).sum(-1) >= 0
+    signs = torch.cat([quaternions[..., :1, :, 0] >= 0, near], dim=-2).to(quaternions).mul(2).sub(1).cumprod(-2)
+    return quaternions * signs[..., None]
+
+
+def axes(x: Float[Tensor, "*b 3"], y: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
+    """Right-handed axes as columns: the first along x, the second in the plane of x and y."""
+    x = x / (x.square().sum(-1, keepdim=True) + 1e-12).sqrt()
+    y = y - (y * x).sum(-1, keepdim=True) * x
+    y = y / (y.square().sum(-1, keepdim=True) + 1e-12).sqrt()
+    return torch.stack([x, y, torch.linalg.cross(x, y)], dim=-1)
 
 
 def rotation_between(a: Float[Tensor, "*b 3"], b: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:

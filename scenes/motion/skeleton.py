@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -73,6 +73,21 @@ class Skeleton:
         lengths: np.ndarray = np.linalg.norm(np.asarray(self.offsets, dtype=np.float64), axis=-1)
         return lengths
 
+    @cached_property
+    def legs(self) -> float:
+        """Height (m) of the root over the feet in the T-pose: steps, speeds and heights of a body are in proportion."""
+        down = []
+        for joint in self.indices(FEET):
+            down.append(0.0)
+            while joint >= 0:
+                down[-1] -= self.offsets[joint][1]
+                joint = self.parents[joint]
+        return sum(down) / len(down)
+
+    def scaled(self, by: float) -> Skeleton:
+        """The same proportions, so many times as large."""
+        return replace(self, offsets=tuple((by * x, by * y, by * z) for x, y, z in self.offsets))
+
     def span(self, a: str, b: str) -> float:
         """Largest distance (m) between two joints, with all bones between them stretched in a line."""
         ways: list[dict[int, float]] = []
@@ -100,10 +115,17 @@ def tree_order(parents: Sequence[int]) -> list[int]:
     return order
 
 
+def with_lengths(skeleton: Skeleton, lengths: np.ndarray) -> Skeleton:
+    """The same skeleton with bones of other lengths (m), each given by the joint in which it ends, ``[J]``."""
+    scale = np.asarray(lengths, np.float64) / np.maximum(skeleton.bone_lengths, 1e-9)
+    scaled = np.asarray(skeleton.offsets) * scale[:, None]
+    return replace(skeleton, offsets=tuple((x, y, z) for x, y, z in scaled.tolist()))
+
+
 def _humanml3d() -> Skeleton:
     # Joints of SMPL without the hands. Lengths are those of HumanML3D's uniform skeleton, measured on its published
     # clip 012314 (every clip of that data set has them). Hips and collars lie between those of the collections that the
-    # weights are trained on, whose skeletons differ (`scenectl bench body`); soles are level.
+    # weights are trained on, whose skeletons differ (`scenectl bench skeletons`); soles are level.
     x, y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     toe = (0.0, -0.33, 0.944)
     rows: list[tuple[str, int, tuple[float, float, float], float]] = [
@@ -150,3 +172,8 @@ def _offset(direction: tuple[float, float, float], length: float) -> tuple[float
 
 HUMANML3D = _humanml3d()
 """HumanML3D's 22 joints on its uniform skeleton."""
+
+
+def size_of(skeleton: Skeleton) -> float:
+    """How many times as long its legs are as HumanML3D's, whose people limits and habits of walking are stated for."""
+    return skeleton.legs / HUMANML3D.legs

@@ -16,6 +16,8 @@ FARTHEST = 1e8
 """Metres from the origin: ten times the largest coordinates of maps (UTM's northings, 10^7 m)."""
 WIDEST = 10.0
 """Metres from the pelvis to any joint: several times the tallest person."""
+UNIT = 1e-3
+"""By how much a quaternion's length may be off 1: what half precision stores is off by less."""
 JOINTS = 1000
 """Joints of a skeleton at most."""
 
@@ -67,6 +69,19 @@ def check_valid(valid: np.ndarray) -> None:
         raise ValueError(f"it holds a motion of {least} real frames ('valid'); a motion has {FEWEST} or more")
     if (valid[..., 1:] & ~valid[..., :-1]).any():
         raise ValueError("it has real frames after padding ('valid'); cut the padding out")
+
+
+def check_rotations(arrays: Mapping[str, np.ndarray]) -> None:
+    """Raise ValueError for `rotations` that are no unit quaternions, one for each of `joints` ``[*b, T, J, 3]``."""
+    if "rotations" not in arrays:
+        return
+    rotations, wanted = arrays["rotations"], (*arrays["joints"].shape[:-1], 4)
+    if rotations.shape != wanted:
+        raise ValueError(f"its 'rotations' have shape {rotations.shape}; they are quaternions w, x, y, z, {wanted}")
+    if not np.isfinite(rotations).all():
+        raise ValueError("its 'rotations' are not finite numbers; leave them out, and they are made of the joints")
+    if (off := float(np.abs(np.linalg.norm(rotations, axis=-1) - 1).max())) > UNIT:
+        raise ValueError(f"its 'rotations' are off unit length by {off:.2g}; leave them out, and they are made anew")
 
 
 def check_places(joints: np.ndarray, names: tuple[str, ...]) -> None:

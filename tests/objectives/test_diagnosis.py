@@ -84,7 +84,7 @@ def test_many_misses_are_counted_and_other_goals_are_named_by_their_worst() -> N
     said = diagnosis(Objective((wrist([0.5, 1.0, 1.5, 2.0, 2.5], spread),)), motion(), context())
     assert said is not None and said.endswith("; 2 more are not met") and said.count("only") == 3
     said = diagnosis(Objective((Term("height_limit", {"limit": 0.5}, name="beam"),)), motion(), context())
-    assert said is not None and said == "beam is met to 88 cm only"
+    assert said is not None and said == "beam is met to 109 cm only"
 
 
 def test_a_dense_track_is_spoken_of_as_a_whole() -> None:

@@ -97,10 +97,11 @@ def walk(frames: int, speed: float = 1.2, turn: float = 0.0, sway: float = 0.3) 
     rest = torch.tensor(HUMANML3D.offsets, dtype=torch.float64)
     lengths = rest.norm(dim=-1)
     joints = torch.zeros(frames, 22, 3, dtype=torch.float64)
-    joints[:, 0, 1], joints[:, 0, 2] = 0.84, speed * time
+    joints[:, 0, 1], joints[:, 0, 2] = 0.90, speed * time
     for j in range(1, 22):
         direction = (rest[j] / lengths[j]).expand(frames, 3).clone()
-        if j in (18, 19, 20, 21):
+        if j in (18, 19, 20, 21):  # arms hang, and swing
+            direction = torch.tensor([[0.0, -1.0, 0.0]], dtype=torch.float64).repeat(frames, 1)
             direction[:, 2] += sway * torch.sin(2 * math.pi * time + (math.pi if j % 2 else 0.0))
         joints[:, j] = joints[:, HUMANML3D.parents[j]] + direction / direction.norm(dim=-1, keepdim=True) * lengths[j]
     for hip, knee, ankle, foot, phase in ((1, 4, 7, 10, 0.0), (2, 5, 8, 11, 0.5)):

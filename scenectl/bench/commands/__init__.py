@@ -9,7 +9,7 @@ from scenectl.console.lazy import group
 BENCHES = (
     "rooms", "keyframes", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query",
     "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices", "thresholds",
-    "limits", "verdict", "memory",
+    "limits", "verdict", "memory", "skeletons",
 )  # fmt: skip
 
 app = typer.Typer(

@@ -20,7 +20,7 @@ def implausible(
     json_file: Json = None,
     shard: Shard = None,
 ) -> None:
-    """Targets out of reach, or noise: bones, feet, and whether the culprit is named, beside goals alone."""
+    """Targets out of reach, or noise: lifted feet, misses, and whether the culprit is named, beside goals alone."""
     from scenectl.bench.control.implausible import bench_implausible
 
     result = measured(
@@ -28,7 +28,7 @@ def implausible(
         weights, threads, generator, json_file, shard,
     )  # fmt: skip
     columns = (
-        "kind", "way", "frames", "ended", "bone_error_m", "bone_error_free_m", "lift_m", "named", "seconds",
+        "kind", "way", "frames", "ended", "lift_m", "depth_m", "missed_m", "spoilt_missed_m", "named", "seconds",
         "diagnosis",
     )  # fmt: skip
     shown(result, json_file, columns)

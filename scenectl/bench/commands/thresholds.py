@@ -29,5 +29,5 @@ def thresholds(
     shown(
         result,
         json_file,
-        ("name", "value", "unit", "met", "cost", "stretch_m", "lift_m", "moved_m", "passes", "seconds", "source"),
+        ("name", "value", "unit", "met", "cost", "lift_m", "moved_m", "passes", "seconds", "source"),
     )

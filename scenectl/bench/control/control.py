@@ -31,7 +31,6 @@ from scenectl.tasks.schema import AVOID
 from scenes.errors import UserError, did_you_mean
 from scenes.files import atomic_write
 from scenes.mesh.primitives import Cylinder
-from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 from scenes.world.scene import Scene
@@ -165,7 +164,6 @@ def _row(method: str, case: Case, motion: Motion, before: Motion, scorer: Scorer
         "deepest_penetration_m": float(depths.obstacles.max()),
         "deepest_floor_penetration_m": float(depths.floor.max()),
         "moved_m": float(moved),
-        "bone_error_m": float(bone_errors(motion).mean()),
         "max_acceleration_m_per_frame2": float(max_acceleration(motion[0])),
         "skating_ratio": float(skating_ratio(motion[0])),
     }

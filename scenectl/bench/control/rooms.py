@@ -25,7 +25,6 @@ from scenectl.tasks.setup import STANDING
 from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
-from scenes.motion.bones import stretches
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET
 from scenes.world.floor.planning import FreeArea, free_area
@@ -231,8 +230,6 @@ def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int)
         "believable": best.believable,
         "sound": depth <= SHALLOW and best.believable,
         "verdict": best.verdict.sentence,
-        "worst_bone_m": float(stretches(motion).abs().max()),
-        "uncontrolled_worst_bone_m": float(stretches(free).abs().max()),
         "sole_on_floor": abs(float(figures["lowest_sole_m"] or 0.0)) <= 0.03,
         **figures,
         "uncontrolled_skating_ratio": float(skating_ratio(free, room.scorer.ground(free) + DEFAULT_BODY.sole_offset)),
@@ -279,7 +276,7 @@ def _summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "deepest_floor_penetration_m": max(row["deepest_floor_penetration_m"] for row in rows),
         "mean_share_of_frames_touching": statistics.fmean(row["share_of_frames_touching"] for row in rows),
         **{key: statistics.fmean(row[key] for row in rows) for key in _NATURAL},
-        **{f"{way}worst_bone_m": max(row[f"{way}worst_bone_m"] for row in rows) for way in ("", "uncontrolled_")},
+        "bone_length_drift_m": max(row["bone_length_drift_m"] for row in rows),
         "median_uncontrolled_pace_m_per_s": statistics.median(row["uncontrolled_pace_m_per_s"] for row in rows),
         "median_seconds": statistics.median(row["seconds"] for row in rows),
         "by_mesh": {

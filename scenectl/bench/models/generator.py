@@ -186,6 +186,7 @@ def _row(
         **_estimate("diversity", varied),
         "multimodality": None,
         **figures,
+        "limb_ends_moved_m": sum(motions.moved) / len(motions.moved) if motions.moved else None,
     }
 
 
@@ -232,6 +233,8 @@ def _summary(rows: Sequence[Row]) -> dict[str, Any]:
         "skating_ratio_real": truth["skating_ratio"],
         "max_acceleration_m_per_frame2": made["max_acceleration_m_per_frame2"],
         "max_acceleration_real_m_per_frame2": truth["max_acceleration_m_per_frame2"],
+        "bone_length_drift_m": made["bone_length_drift_m"],
+        "limb_ends_moved_m": made["limb_ends_moved_m"],
         "fid": made["fid"],
         **{f"fid_{name.replace(' ', '_')}": row["fid"] for name, row in by_name.items() if row not in (truth, made)},
         "r_precision_top3": made["r_precision_top3"],

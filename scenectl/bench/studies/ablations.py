@@ -25,7 +25,7 @@ from scenectl.bench.models.posterior import bench_posterior
 from scenectl.control import SolverSettings
 from scenectl.data.clips import beginnings
 from scenectl.data.corpus import Clip
-from scenectl.data.features import features_to_joints
+from scenectl.data.features import body_joints, features_to_joints, on_body
 from scenectl.generators import load_generator
 from scenectl.generators.base import Generator, Progress
 from scenectl.generators.mscot.config import RefinerConfig
@@ -36,6 +36,7 @@ from scenectl.generators.mscot.training.reconstruction import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.threads import use
+from scenectl.training.errors import joints_after
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Variant, load_recipe
 from scenectl.training.stages import Job, Run
@@ -182,7 +183,7 @@ def adaptive(bench: Bench, progress: Progress) -> list[Path]:
         found: dict[str, float] = {}
         for frames in (64, 128, WINDOW):
             features = beginnings(test, frames)
-            got, true = features_to_joints(in_chunks(tokenizer, features, chunk)), features_to_joints(features)
+            got, true = joints_after(lambda x: in_chunks(tokenizer, x, chunk), features)
             found[f"clips_{frames}"] = len(features)
             found[f"error_{frames}_m"] = float((got - true).norm(dim=-1).mean())
             for name, joints in (("", got), ("real_", true)):
@@ -311,9 +312,10 @@ def _refined(tokenizer: Tokenizer, network: Refiner, features: Float[Tensor, "C 
         network(e[:1], k, finest)
     seconds = time.perf_counter() - began
     moved = [e + network(e, k, finest) for k, e in enumerate(codes)]
-    true, found = features_to_joints(features), {}
+    found = {}
     for name, parts in (("unrefined_error_m", codes), ("reconstruction_error_m", moved)):
-        got = features_to_joints(tokenizer.decode_latent(quantiser.latent(parts, finest)))
+        decoded = tokenizer.decode_latent(quantiser.latent(parts, finest))
+        got, true = body_joints(decoded), features_to_joints(on_body(features))
         found[name] = float((got - true).norm(dim=-1).mean())
     return {**found, "refiner_s": seconds}
 

@@ -129,7 +129,7 @@ ABSURDITIES = {
     "lifted 5 cm": Absurdity(("unsupported_0.7s", "unsupported_3s"), lifted),
     "5 cm into a wall": Absurdity(("penetration",), into_wall),
     "twice the speed": Absurdity(("tempo", "speed", "joint_speed", "acceleration", "turning"), twice_as_fast),
-    "a bone 10 cm longer": Absurdity(("bones",), longer_bone),
+    "a bone 10 cm longer": Absurdity(("proportions",), longer_bone),
     "sliding 0.3 m/s": Absurdity(("sliding_0.5s", "sliding_2s"), sliding),
     "frozen 1 s in a walk": Absurdity(("frozen",), frozen),
     "teleported 0.3 m": Absurdity(("jump",), teleported),

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives import Context, Objective
+from scenectl.control.figure import Figure
 from scenectl.control.rise import Rise
 from scenectl.control.settings import GuidanceSettings
 from scenectl.control.start import FreeStart
@@ -24,6 +25,7 @@ class ObjectiveGuide:
         guidance: GuidanceSettings | None = None,
         start: FreeStart | None = None,
         on_ground: bool = False,
+        figure: Figure | None = None,
     ) -> None:
         """Make a guide.
 
@@ -33,8 +35,9 @@ class ObjectiveGuide:
             guidance: settings.
             start: where motions begin, if that shall be solved for: each step is seen from where it suits the goals.
             on_ground: motions follow the ground already, as those of edits do, and are not lifted onto their path's.
+            figure: of the body, where the steps' motions are another's.
         """
-        self.objective, self.context, self.start = objective, context, start
+        self.objective, self.context, self.start, self.figure = objective, context, start, figure
         self.guidance = guidance or GuidanceSettings()
         self._rise = None if on_ground else Rise.of(objective)
 
@@ -46,13 +49,15 @@ class ObjectiveGuide:
         """Gradient of `log_prob` in the step's value; samples are independent, so one backward pass serves all."""
         value = step.value.detach().requires_grad_(True)
         with torch.enable_grad():
-            cost = self._cost(self._begun(step.decode(value)))
+            motion = step.decode(value)
+            motion.joints.register_hook(_numbers)  # one frame that is not a number must not silence the whole tilt
+            cost = self._cost(self._begun(motion))
             (gradient,) = torch.autograd.grad(cost.sum(), value)
-        # One frame that is not a number must not silence the whole tilt.
-        return -self.guidance.scale * torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
+        return -self.guidance.scale * _numbers(gradient)
 
     def _begun(self, motion: Motion) -> Motion:
-        """The motion on the ground of its path, from the start that suits the goals best, if that is free."""
+        """The body's motion on the ground of its path, from the start that suits the goals best, if that is free."""
+        motion = motion if self.figure is None else self.figure.of(motion)
         motion = motion if self._rise is None else self._rise.under(motion)
         if self.start is None:
             return motion
@@ -60,3 +65,7 @@ class ObjectiveGuide:
 
     def _cost(self, motion: Motion) -> Float[Tensor, " S"]:
         return self.objective.cost(motion, self.context)
+
+
+def _numbers(gradient: Tensor) -> Tensor:
+    return torch.nan_to_num(gradient, 0.0, 0.0, 0.0)

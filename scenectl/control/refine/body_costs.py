@@ -1,16 +1,11 @@
-"""What a body is held to where goals can't be met: without it, targets out of reach stretch limbs and lift feet.
+"""What a body is held to where goals would lift it: without it, targets out of reach are met by flying there.
 
-The paper's failure cases (its Fig. 10) come from goals that outweigh everything else. What follows a search that ended
-in a strained body depends on how far from the goals it stays once a body's costs are added:
-
-- Where the goals were met at a small strain, a search goes on from there with costs on bones, joint limits, jerks,
-  skating and shuffling, feet that stood held down, and more weight on pulling goals; then with the goals alone, which
-  is kept where it strains no body.
-- Otherwise refinement begins again from the generator's own value, with the same costs and goals that pull (targets)
-  under a Huber kernel, so that none pulls harder from further away. Where that ends near all targets, as above.
-- Otherwise pulling goals get more weight and Geman and McClure's kernel, whose pull fades with distance, still with the
-  body's costs. At last the goals alone are solved for, with all targets, or else without those that are still far off;
-  what strains no body is kept.
+The paper's failure cases (its Fig. 10) come from goals that outweigh everything else. Bones are rigid by construction
+(`scenes.motion.rigid`), and so what gives is the ground. Where a search for the goals lifts a foot that stood before or
+pushes one into the ground, another goes on from there if the goals were met and it is not far off, and otherwise begins
+again from the generator's own value: with feet held to the ground, costs on joint limits, jerks, skating and shuffling,
+and goals that pull (targets) under Geman and McClure's kernel, whose pull fades with distance. At last the goals alone
+are solved for, without those that are still far off, which is kept where feet stay on the ground.
 """
 
 from __future__ import annotations
@@ -22,11 +17,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives import Assessed, Context, Objective, Term
-from objectives.kernels import Kernel
 from objectives.library.scene import foot_heights
 from scenectl.control.settings import SolverSettings
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
-from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET
 
@@ -37,22 +30,18 @@ class BodyCosts:
 
     Attributes:
         goals: without costs of a body.
-        objective: the goals, under the kernel in use, and costs of a body.
-        foot: cost (1/m^2) of lifting a foot that stood, each frame.
+        objective: the goals, with more weight on those that pull, which fades with distance, and costs of a body.
         rest: heights (m) of feet before, ``[S, T, 2]``, out of the floor where they were in it.
         stands: which of them stood, and may not be lifted.
-        stretched: bone errors (m) before, ``[S, T]``.
-        led: whether goals lead the body along its way, which then isn't judged.
+        low: heights (m) over the ground that feet may go down to: 0, or where they were before.
         thresholds: see there.
     """
 
     goals: Objective
     objective: Objective
-    foot: float
     rest: Float[Tensor, "S T 2"]
     stands: Bool[Tensor, "S T 2"]
-    stretched: Float[Tensor, "S T"]
-    led: bool
+    low: Float[Tensor, "S T 2"]
     thresholds: Thresholds = THRESHOLDS
 
     @classmethod
@@ -67,69 +56,50 @@ class BodyCosts:
         named = {joint for term in goals.counted for joint in term.joints}
         free = torch.tensor([foot not in named for foot in FEET], device=feet.device)
         stands = (height < standing) & (moved < thresholds.still) & before.valid[..., None] & free
-        held = (*_with_kernel(goals, "huber", thresholds.held), *_body(thresholds))
-        led, stretched = leads(goals, before, context, thresholds.led), bone_errors(before)
-        return cls(goals, Objective(held), thresholds.foot, rest, stands, stretched, led, thresholds)
-
-    def tightened(self) -> BodyCosts:
-        """The same with more weight on pulling goals, under their own kernels, and on feet that stood."""
-        pull = self.thresholds.pull
-        pulling = (replace(t, weight=pull * t.weight) if t.spec.pulls else t for t in self.goals.counted)
-        objective = Objective((*pulling, *_body(self.thresholds)))
-        return replace(self, objective=objective, foot=self.thresholds.firm_foot)
-
-    def robust(self) -> BodyCosts:
-        """Tightened, but with pulling goals whose pull fades where they are further off than `far`."""
-        return replace(
-            self, goals=Objective(_with_kernel(self.goals, "geman_mcclure", self.thresholds.far))
-        ).tightened()
+        low = torch.where(before.valid[..., None], height.clamp_max(0.0), -torch.inf)
+        pulling = _fading(goals, thresholds.far, thresholds.pull)
+        return cls(goals, Objective((*pulling, *_body(thresholds))), rest, stands, low, thresholds)
 
     @property
     def without_outliers(self) -> Objective:
         """The goals alone, of which those that pull fade where they are further off than `off`."""
-        return Objective(_with_kernel(self.goals, "geman_mcclure", self.thresholds.off))
-
-    def near(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:
-        """Samples whose pulling goals are all nearly met; none where nothing pulls."""
-        pulling = tuple(t.loosened(self.thresholds.near) for t in self.goals.counted if t.spec.pulls)
-        return Objective(pulling).met(motion, context) & bool(pulling)
+        return Objective(_fading(self.goals, self.thresholds.off))
 
     @torch.no_grad()
-    def strained(self, after: Motion, bones: float = 1.0, feet: float = 1.0) -> Bool[Tensor, " S"]:
-        """Samples with longer or shorter bones than before, or with a foot in the air that stood.
+    def off_ground(self, after: Motion, context: Context, factor: float = 1.0) -> Bool[Tensor, " S"]:
+        """Samples with a foot in the air that stood, unless a goal names it, or with one in the ground that wasn't.
 
-        None where goals lead the body along most of its way. A foot that a goal names may be lifted. Limits of bones
-        and of feet are multiplied by the factors.
+        Both by more than `lift` times the factor.
         """
-        now, before, limit = bone_errors(after), self.stretched, self.thresholds
-        if self.led:
-            return torch.zeros_like(now[:, 0], dtype=torch.bool)
-        stretched = now.mean(-1) > before.mean(-1) + bones * limit.stretch
-        torn = now.amax(-1) > before.amax(-1) + bones * limit.torn
-        return stretched | torn | (self.lift(after) > feet * limit.lift)
+        return self._off(after, context).amax((-2, -1)) > factor * self.thresholds.lift
 
     def lift(self, after: Motion) -> Float[Tensor, " S"]:
         """The most (m) by which a foot that stood before is higher now; negative where all are lower."""
         return self._raised(after).amax((-2, -1))
 
     def met(self, motion: Motion, context: Context) -> Bool[Tensor, " S"]:
-        """Which samples have every goal met by a body that isn't strained."""
-        return self.goals.met(motion, context) & ~self.strained(motion)
+        """Which samples have every goal met by a body on its feet."""
+        return self.goals.met(motion, context) & ~self.off_ground(motion, context)
 
     def cost(self, motion: Motion, context: Context) -> Float[Tensor, " S"]:
         """Of goals and body; differentiable in the motion's joints."""
-        return self.objective.cost(motion, context) + self._footing(motion).square().sum((-2, -1))
+        return self.objective.cost(motion, context) + self._footing(motion, context).square().sum((-2, -1))
 
     def assess(self, motion: Motion, context: Context) -> Assessed:
-        """Goals and body as least squares; met where the goals are and the body isn't strained."""
-        found, feet = self.objective.assess(motion, context), self._footing(motion)
+        """Goals and body as least squares; met where the goals are and the body is on its feet."""
+        found, feet = self.objective.assess(motion, context), self._footing(motion, context)
         with torch.no_grad():
             cost = found.cost + feet.square().sum((-2, -1))
         return Assessed([*found.rows, feet], cost, self.met(motion, context))
 
-    def _footing(self, motion: Motion) -> Float[Tensor, "S T 2"]:
-        """Rows on feet that stood and are lifted."""
-        return self.foot**0.5 * self._raised(motion).clamp_min(0.0)
+    def _footing(self, motion: Motion, context: Context) -> Float[Tensor, "S T 2"]:
+        """Rows on feet that are off the ground."""
+        return self.thresholds.foot**0.5 * self._off(motion, context)
+
+    def _off(self, motion: Motion, context: Context) -> Float[Tensor, "S T 2"]:
+        """How far (m) each foot is lifted, or pushed into the ground."""
+        sunk = self.low - foot_heights(motion.select(FEET), motion, context)
+        return self._raised(motion).clamp_min(0.0) + sunk.clamp_min(0.0)
 
     def _raised(self, motion: Motion) -> Float[Tensor, "S T 2"]:
         """How much higher (m) each foot is than when it stood, or than the floor it stood in; 0 where it didn't."""
@@ -160,23 +130,20 @@ def leads(objective: Objective, motion: Motion, context: Context, led: float = T
 
 
 def walk_costs(level: bool = True, thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
-    """Bones, low swings and sliding, for walks that are led past walls; bones that are off by too much are not met.
+    """Low swings and sliding, for walks that are led past walls.
 
     Over steps a foot on its way is as near to the next one as a foot that carries, so sliding counts on `level` ground.
     """
     never = 100.0  # m, m/s: never a reason to go on
     carrying = {"each": False, "height": thresholds.carries, "allowed": thresholds.slide}
-    body = (
-        Term("bone_length", weight=thresholds.led_bones, tolerance=thresholds.led_bone_error),
-        Term("foot_clearance", weight=thresholds.led_clearance, tolerance=never),
-    )
-    return (*body, Term("foot_skating", carrying, weight=thresholds.led_skating, tolerance=never)) if level else body
+    clearance = Term("foot_clearance", weight=thresholds.led_clearance, tolerance=never)
+    skating = Term("foot_skating", carrying, weight=thresholds.led_skating, tolerance=never)
+    return (clearance, skating) if level else (clearance,)
 
 
 def _body(thresholds: Thresholds) -> tuple[Term, ...]:
     skating = {"weight": thresholds.skating, "kernel": "geman_mcclure", "delta": thresholds.swing}
     return (
-        Term("bone_length", weight=thresholds.bones),
         Term("joint_limits", weight=thresholds.limits),
         Term("smoothness", weight=thresholds.smooth),
         Term("foot_skating", **skating),  # type: ignore[arg-type]
@@ -184,11 +151,12 @@ def _body(thresholds: Thresholds) -> tuple[Term, ...]:
     )
 
 
-def _with_kernel(objective: Objective, kernel: Kernel, delta: float) -> tuple[Term, ...]:
-    """The terms, with another kernel for those that pull the harder the further off a target is."""
-    return tuple(
-        replace(term, kernel=kernel, delta=delta)
-        if term.spec.pulls and (term.kernel or term.spec.kernel) == "squared"
-        else term
-        for term in objective.counted
-    )
+def _fading(objective: Objective, delta: float, pull: float = 1.0) -> tuple[Term, ...]:
+    """The terms, with more weight on those that pull, whose pull fades where they are further off than `delta`."""
+    return tuple(_faded(replace(t, weight=pull * t.weight), delta) if t.spec.pulls else t for t in objective.counted)
+
+
+def _faded(term: Term, delta: float) -> Term:
+    """With Geman and McClure's kernel instead of that which pulls the harder the further off a target is."""
+    square = (term.kernel or term.spec.kernel) == "squared"
+    return replace(term, kernel="geman_mcclure", delta=delta) if square else term

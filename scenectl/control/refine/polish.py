@@ -3,7 +3,7 @@
 Near its end a search through the decoder pays a pass for each millimetre. What is within `Thresholds.reach` of its
 targets is moved the rest of the way in the joints themselves: by the least move that is smooth in time and dies away
 along the limbs. Rotations, velocities and contacts are derived from joints (`joints_to_features`), and so agree with
-what was moved. A move is kept only where it is as small as that, strains no bone, and meets the goals.
+what was moved. A move is kept only where it is as small as that and meets the goals.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from torch import Tensor
 from scenectl.control.settings import SolverSettings
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Price
-from scenes.motion.bones import bone_errors
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import Skeleton
 
@@ -36,11 +35,9 @@ def polishing(settings: SolverSettings, thresholds: Thresholds = THRESHOLDS) -> 
 
 
 def kept(before: Motion, after: Motion, thresholds: Thresholds = THRESHOLDS) -> Bool[Tensor, " S"]:
-    """Samples that were moved by little and keep their bones."""
+    """Samples that were moved by little."""
     moved = ((after.joints - before.joints).norm(dim=-1) * before.valid[..., None]).amax((-2, -1))
-    stretched = (bone_errors(after) - bone_errors(before)).amax(-1)
-    reach = thresholds.reach
-    return (moved <= thresholds.furthest * reach) & (stretched <= thresholds.polish_stretch * reach)
+    return moved <= thresholds.furthest * thresholds.reach
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from objectives import Context, Objective
+from scenectl.control.figure import Figure
 from scenectl.control.refine.setting import Setting
 from scenectl.control.refine.stages import solved
 from scenectl.control.rise import Rise
@@ -40,6 +41,7 @@ def refine(
     solver: SolverSettings | None = None,
     start: FreeStart | None = None,
     progress: Progress = silent,
+    figure: Figure | None = None,
     thresholds: Thresholds = THRESHOLDS,
 ) -> Refined:
     """Minimise the objective's cost from the step's value (Eq. 12).
@@ -51,9 +53,12 @@ def refine(
         solver: settings; no iterations leave the motion as it is.
         start: where motions begin, if that is solved for along with the value.
         progress: called with the share of a usual number of passes.
+        figure: of the body, where the step's motions are another's.
         thresholds: what stages and solvers decide by.
     """
     solver = solver or SolverSettings()
+    if figure is not None:
+        step = MappedStep(step, figure.of)
     if (rise := Rise.of(objective)) is not None:
         step = MappedStep(step, rise.under)
     if start is not None:

@@ -1,4 +1,4 @@
-"""The stages of a refinement: a search for all goals, relief of strained bodies, and polishing of joints.
+"""The stages of a refinement: a search for all goals, relief of bodies that goals lift, and polishing of joints.
 
 Each is a function of its setting and of what the stage before it found; none changes what it is given.
 """
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Int
 from torch import Tensor
 
 from objectives import Objective
@@ -17,7 +17,7 @@ from scenectl.control.refine.body_costs import approach, finish, leads, walk_cos
 from scenectl.control.refine.polish import SmoothStep, kept, polishing
 from scenectl.control.refine.setting import Setting
 from scenectl.control.rise import Rise
-from scenectl.control.solvers.problem import Reason, Solution
+from scenectl.control.solvers.problem import Solution
 from scenectl.generators.steps import MappedStep
 from scenes.motion.rigid import rigid
 
@@ -60,63 +60,22 @@ def search(setting: Setting) -> Solution:
 
 
 def relieve(setting: Setting, found: Solution) -> Solution:
-    """Solved anew, with a body's costs, for samples whose body is strained (`scenectl.control.refine.body_costs`)."""
-    body, after, limit = setting.body_costs(), setting.motion(found), setting.thresholds
+    """Solved anew, with a body's costs, for samples that goals lift off the ground or push into it (`body_costs`)."""
+    goals, context, limits = setting.goals, setting.context, setting.thresholds
+    if leads(goals, setting.step.motion, context, limits.led):
+        return found
+    after, body = setting.motion(found), setting.body_costs()
     gone = torch.tensor([reason == "abandoned" for reason in found.reasons], device=found.value.device)
-    # What is met, or nearly, stays so even though a bone is a little longer.
-    met = setting.goals.met(after, setting.context)
-    as_good = met | (setting.cost(after) <= limit.solved * setting.cost(setting.step.motion))
-    strained = torch.where(as_good, body.strained(after, limit.met_bones), body.strained(after)) & ~gone
-    near = strained & met & ~body.strained(after, limit.near_bones, limit.near_feet)
-    if len(samples := near.nonzero()[:, 0]):
-        found, helped = _tightened(setting.of(samples), found, found.value[samples], samples)
-        strained[samples[helped]] = False
-    if len(samples := strained.nonzero()[:, 0]):
-        found = _approached(setting.of(samples), found, samples)
-    return found
-
-
-def _approached(setting: Setting, found: Solution, samples: Int[Tensor, " s"]) -> Solution:
-    """With a body's costs, from the generator's own values, which the setting holds; then on from what they lead to."""
-    body, whole = setting.body_costs(), torch.ones_like(samples, dtype=torch.bool)
-    gentle = setting.solve(body, settings=approach(setting.solver, setting.thresholds))
-    found, left = found.merged(gentle, samples, whole, "strained"), whole
-    if (near := body.near(setting.motion(gentle), setting.context)).any():
-        nearer, left = near.nonzero()[:, 0], whole.clone()
-        found, helped = _tightened(setting.of(nearer), found, gentle.value[near], samples[near])
-        left[near] = ~helped
-    if left.any():
-        found = _robust(setting.of(left.nonzero()[:, 0]), found, gentle.value[left], samples[left])
-    return found
-
-
-def _tightened(
-    setting: Setting, found: Solution, begin: Float[Tensor, "s n"], samples: Int[Tensor, " s"]
-) -> tuple[Solution, Bool[Tensor, " s"]]:
-    """From near the goals, with a body's costs, and at last without; and which samples it helped."""
-    body, solver, limits = setting.body_costs(), setting.solver, setting.thresholds
-    held = setting.solve(body.tightened(), begin, approach(solver, limits))
-    there = setting.motion(held)
-    helped = body.near(there, setting.context) & ~body.strained(there)
-    found = found.merged(held, samples, helped, "strained")
-    closer = setting.solve(setting.goals, held.value, finish(solver, limits))
-    there = setting.motion(closer)
-    met = setting.goals.met(there, setting.context) & ~body.strained(there)
-    return found.merged(closer, samples, met), helped | met
-
-
-def _robust(setting: Setting, found: Solution, begin: Float[Tensor, "s n"], samples: Int[Tensor, " s"]) -> Solution:
-    """From where some goals are far off: without those, or after all with them, where that strains no body."""
-    body, solver, limits = setting.body_costs(), setting.solver, setting.thresholds
-
-    def taken(into: Solution, new: Solution, reason: Reason | None) -> Solution:
-        return into.merged(new, samples, ~body.strained(setting.motion(new)), reason)
-
-    freed = setting.solve(body.robust(), begin, approach(solver, limits))
-    found = taken(found, freed, "strained")
-    alone = setting.solve(body.without_outliers, freed.value, finish(solver, limits))
-    found = taken(found, alone, "strained")
-    return taken(found, setting.solve(setting.goals, begin, finish(solver, limits)), None)
+    samples = (body.off_ground(after, context) & ~gone).nonzero()[:, 0]
+    if not len(samples):
+        return found
+    near = (goals.met(after, context) & ~body.off_ground(after, context, limits.near_feet))[samples]
+    setting = setting.of(samples)
+    body, own = setting.body_costs(), setting.step.value.flatten(1)
+    held = setting.solve(body, torch.where(near[:, None], found.value[samples], own), approach(setting.solver, limits))
+    found = found.merged(held, samples, torch.ones_like(near), "lifted")
+    alone = setting.solve(body.without_outliers, held.value, finish(setting.solver, limits))
+    return found.merged(alone, samples, ~body.off_ground(setting.motion(alone), context), "lifted")
 
 
 def polish(setting: Setting, found: Solution) -> Solution:
@@ -150,5 +109,5 @@ def _finished(setting: Setting, found: Solution, samples: Int[Tensor, " s"]) -> 
     last = setting.solve(setting.objective, found.value[samples], finish(setting.solver, setting.thresholds))
     better = setting.objective.met(setting.motion(last), setting.context)
     if setting.solver.natural:
-        better &= ~setting.body_costs().strained(setting.motion(last), setting.thresholds.met_bones)
+        better &= ~setting.body_costs().off_ground(setting.motion(last), setting.context)
     return found.merged(last, samples, better)

@@ -19,9 +19,9 @@ from scenectl.generators.steps import LINEARISED
 Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
 """Costs of a batch of points, differentiable, each depending on its own point alone."""
 
-Reason = Literal["met", "no progress", "budget", "abandoned", "strained"]
+Reason = Literal["met", "no progress", "budget", "abandoned", "lifted"]
 """Why a search ended: every term within its tolerance, no further decrease, all steps spent, enough other samples met,
-or a body strained by goals that it can't meet (`scenectl.control.refine.body_costs`)."""
+or a body held to the ground that goals would lift off it (`scenectl.control.refine.body_costs`)."""
 
 
 @runtime_checkable

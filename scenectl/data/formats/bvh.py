@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scenectl.data.formats.people import check_legs, doubted_axis, leg_length, likely_unit, turned
 from scenectl.data.joint_names import match_joints
 from scenes.errors import UserError, did_you_mean
+from scenes.motion.fitting import skeleton_of
 from scenes.motion.frames import fine_enough
 from scenes.motion.motion import Motion
 from scenes.motion.rates import told
@@ -91,7 +92,7 @@ class BvhClip:
     """A converted file.
 
     Attributes:
-        motion: 22 joints, metres, y up, in the file's own place and heading.
+        motion: 22 joints, metres, y up, in the file's own place and heading, on a skeleton of their own lengths.
         unit: the unit stated or guessed (a key of `UNITS`).
         joints: {our joint: their joint} as mapped; joints that were placed from others are missing.
         message: one sentence on what was decided.
@@ -162,6 +163,7 @@ def convert_bvh(
         raise UserError(
             f"{where} has {len(file.values)} frame(s), too few for a motion at {motion.fps:g} frames a second"
         )
+    motion = replace(motion, skeleton=skeleton_of(motion))
     message = f"{where}: unit {unit} ({how}), up axis {up or 'y'}, {told(file.rate, motion.fps)}"
     names = {joint: file.names[index] for joint, index in found.items()}
     return BvhClip(motion, unit, names, message, () if up else doubted_axis(placed, where))

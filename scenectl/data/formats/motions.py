@@ -4,20 +4,22 @@ What is read, by the ending of the file:
 
 - ``.npz``: `joints` ``[T, J, 3]`` or ``[S, T, J, 3]``, or `features` ``[T, 263]`` or ``[S, T, 263]`` of HumanML3D
   (`scenectl.data.features`), not normalised; an array that was saved without a name. Beside it `fps`, `joint_names`,
-  `parents`, `offsets`, `valid` (True where a frame is no padding), `t0` (s), `unit` and `up`, each of which may be
-  missing. This is what `Motion.save` writes.
+  `parents`, `offsets`, `valid` (True where a frame is no padding), `t0` (s), `unit`, `up`, `rotations` and `format`,
+  each of which may be missing. This is what `Motion.save` writes.
 - ``.npy``: the same array alone; ``[T, 66]`` are joints, too.
 - ``.bvh``: see `scenectl.data.formats.bvh`.
 - a folder: the ``motion.npz`` in it.
 
-Joints are the 22 of HumanML3D in its order, or any that `joint_names` tell by name. Frames a second are stated by the
+Joints are the 22 of HumanML3D in its order, or any that `joint_names` tell by name. Their places are what counts: the
+skeleton is the one stated (HumanML3D's where there is none) where its bones are as long as theirs, and else fitted to
+them (`scenes.motion.fitting`); rotations are made of both. Frames a second are stated by the
 caller or by the file; unit and axis are metres and y where neither says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +32,26 @@ from scenectl.data.joint_names import DERIVED, listed, match_joints
 from scenes.archive import load_npy, npz_headers
 from scenes.errors import UserError
 from scenes.files import readable
-from scenes.motion.motion import MOST_BYTES, Motion, read_motion_arrays
+from scenes.motion.fitting import skeleton_of
+from scenes.motion.motion import MOST_BYTES, Motion, read_motion_arrays, rests
 from scenes.motion.skeleton import HUMANML3D, Skeleton
-from scenes.motion.sound import check_shapes, check_valid
+from scenes.motion.sound import check_rotations, check_shapes, check_valid
 
-KEYS = ("joints", "features", "arr_0", "fps", "joint_names", "parents", "offsets", "valid", "t0", "unit", "up")
+KEYS = (
+    "joints",
+    "features",
+    "arr_0",
+    "fps",
+    "joint_names",
+    "parents",
+    "offsets",
+    "valid",
+    "t0",
+    "unit",
+    "up",
+    "format",
+    "rotations",
+)
 """Of an archive; `arr_0` is what NumPy calls an array that was saved without a name."""
 SUFFIXES = (".npz", ".npy", ".bvh")
 _LAYOUTS = (
@@ -114,6 +131,7 @@ def _of_bvh(path: Path, fps: float | int | None, unit: str | None, up: str | Non
     clip = convert_bvh(file, unit, up, fps=None, source=str(path))
     try:
         motion = Motion.from_arrays({"joints": clip.motion.joints.numpy(), "fps": clip.motion.fps})
+        motion = replace(motion, skeleton=clip.motion.skeleton)
     except ValueError as error:
         raise UserError(f"BVH file '{path}': {error}") from error
     return Reading(motion, (clip.message,), doubts + clip.doubts)
@@ -151,7 +169,8 @@ def _of_arrays(
     joints = turned(joints, unit or "m", up or "y")
     real = turned(real, unit or "m", up or "y")
     check_legs(real, unit or "m")
-    motion = Motion.from_arrays({**clock, "joints": joints})
+    motion = Motion.from_arrays({**clock, **_stated(arrays), "joints": joints})
+    motion = replace(motion, skeleton=skeleton_of(motion))
     doubts = [f"{where}: {doubt}" for doubt in doubts]
     doubts += () if unit else doubted_legs(real, where)
     doubts += () if up else doubted_axis(real, where)
@@ -191,6 +210,17 @@ def _check_tree(shape: tuple[int, ...], arrays: Mapping[str, np.ndarray]) -> Non
         )
     except UserError as error:
         raise ValueError(f"{error}; or leave {' and '.join(tree)} out") from error
+
+
+def _stated(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What says how our joints rest, of a file that has them and a T-pose; raises ValueError for unsound rotations."""
+    if not rests(arrays) or "joints" not in arrays:
+        return {}
+    check_rotations(arrays)
+    tree = {key: arrays[key] for key in ("joint_names", "parents", "offsets", "format") if key in arrays}
+    names, parents = (tree[key].tolist() if key in tree else [] for key in ("joint_names", "parents"))
+    ours = names == list(HUMANML3D.names) and parents == list(HUMANML3D.parents)
+    return tree if ours and (_word(arrays, "unit"), _word(arrays, "up")) == ("m", "y") else {}
 
 
 def _ours(joints: np.ndarray, names: np.ndarray | None) -> np.ndarray:

@@ -13,13 +13,14 @@ from objectives.library.scene import foot_heights
 from scenectl.measures.believability.mass import shares
 from scenectl.measures.metrics import Depths, Scorer
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import size_of
 
 RATE = 20.0
 """Frames a second at which motions are differentiated: that of the recordings which the limits were measured on."""
 GRAVITY = 9.81
 TOES = 0.067
-"""Metres from the ball of the foot, where the proxy body ends, to the tip of the toes (ANSUR II: foot length less ball
-of foot length)."""
+"""Metres from an adult's ball of the foot, where the proxy body ends, to the tip of the toes (ANSUR II: foot length
+less ball of foot length)."""
 
 Exemption = tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None]
 """Joints (none: the whole body) that may touch the scene, and the windows (s) in which they may (None: always)."""
@@ -84,6 +85,11 @@ class Evidence:
             mask = real.cpu().numpy()
             depths = Depths(**{name: values[mask] for name, values in vars(depths).items()})
         return cls(given, scorer, prompt, exemptions, depths)
+
+    @property
+    def size(self) -> float:
+        """How many times as long the legs are as an adult's, whom limits are measured on."""
+        return size_of(self.given.skeleton)
 
     @cached_property
     def depths(self) -> Depths:
@@ -155,10 +161,12 @@ class Evidence:
         """What is low, and how high it is over the ground; over what moves as well, for feet."""
         body, motion = self.scorer.body, self.motion
         samples, radii = body.points(motion)
-        feet, over = [], []
+        feet, over, toes = [], [], TOES * body.size
         context = Context(self.scorer.scene, body)
         for side in ("left", "right"):
-            heel = body.parts.index(f"{side}_heel")
+            heel = next(
+                body.parts.index(f"{side}_{part}") for part in ("heel", "ankle") if f"{side}_{part}" in body.parts
+            )
             ankle, ball = motion.joint(f"{side}_ankle"), motion.joint(f"{side}_foot")
             along = torch.nn.functional.normalize(ball - ankle, dim=-1)
             flat = along * along.new_tensor([1.0, 0.0, 1.0])
@@ -167,8 +175,8 @@ class Evidence:
             heights = heights - torch.stack([radii.new_tensor(body.sole_offset), radii[heel]])
             # Toes stay flat or point like the foot: they reach below the ball where it is steeper than it mostly is.
             steeper = (along[:, 1].median() - along[:, 1]).clamp_min(0.0)
-            feet += [points, (ball + TOES * flat)[:, None]]
-            over += [heights, (heights[:, 0] - TOES * steeper)[:, None]]
+            feet += [points, (ball + toes * flat)[:, None]]
+            over += [heights, (heights[:, 0] - toes * steeper)[:, None]]
         heights = samples[..., 1] - radii - self.scorer.scene.ground_under(samples)
         low = torch.cat([*over, heights], dim=1).detach().cpu().double().numpy()
         return Carried(torch.cat([*feet, samples], dim=1).detach().cpu().double().numpy(), low, 3)

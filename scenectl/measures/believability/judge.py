@@ -41,14 +41,14 @@ class Judge:
         The worst finding comes first: those that explain others before these, then by how many times the limit.
         """
         evidence = Evidence.of(motion, self.scorer, self.prompt, self.exemptions, depths)
-        looked = [(check, check.look(evidence)) for check in CHECKS]
+        looked, size = [(check, check.look(evidence)) for check in CHECKS], evidence.size
         found = sorted(
-            ((check, one) for check, one in looked if one is not None and _off(check, one.value) > 1.0),
-            key=lambda pair: _weight(pair[0], _off(pair[0], pair[1].value)),
+            ((check, one) for check, one in looked if one is not None and _off(check, one.value, size) > 1.0),
+            key=lambda pair: _weight(pair[0], _off(pair[0], pair[1].value, size)),
             reverse=True,
         )
         figures = {check.key: None if one is None else one.value for check, one in looked}
-        return Verdict(tuple(_finding(*pair) for pair in found), figures, exempted(evidence))
+        return Verdict(tuple(_finding(*pair, size) for pair in found), figures, exempted(evidence))
 
     def series(self, motion: Motion, depths: Depths | None = None) -> Series:
         """Per frame of one motion, ``[T, J, 3]``: "clearance_m" by part, "speed_m_per_s", "support".
@@ -79,14 +79,15 @@ SUPPORTED = 0.05
 (`foot_contact` has the same)."""
 
 
-def limit_of(check: Check) -> float | None:
-    """What people stay within, in the check's unit; None where nothing was measured."""
-    return LIMITS.values.get(check.name) if check.limit is None else check.limit
+def limit_of(check: Check, size: float = 1.0) -> float | None:
+    """What people of a size (of legs, an adult's being 1) stay within, in the check's unit; None if not measured."""
+    limit = LIMITS.values.get(check.name) if check.limit is None else check.limit
+    return limit * size if limit is not None and check.grows else limit
 
 
-def _off(check: Check, value: float) -> float:
+def _off(check: Check, value: float, size: float) -> float:
     """How many times its limit a value is; up to 1 is within."""
-    limit = limit_of(check)
+    limit = limit_of(check, size)
     if limit is None:
         return 0.0
     return limit / max(value, 1e-6) if check.least else value / limit
@@ -97,8 +98,8 @@ def _weight(check: Check, off: float) -> tuple[int, float]:
     return (check.explains if off >= check.plainly else 0), off
 
 
-def _finding(check: Check, found: Found) -> Finding:
-    limit = limit_of(check)
+def _finding(check: Check, found: Found, size: float) -> Finding:
+    limit = limit_of(check, size)
     assert limit is not None
     return Finding(check.name, found.value, limit, check.unit, found.sentence, found.at_s, found.part)
 

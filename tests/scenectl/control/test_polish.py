@@ -14,11 +14,12 @@ from scenectl.control.refine.setting import Setting
 from scenectl.control.solvers.problem import Solution
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Step
-from scenectl.generators.steps import DecodedStep
+from scenectl.generators.steps import DecodedStep, MappedStep
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenes.body.body import DEFAULT_BODY
-from scenes.motion.bones import bone_errors
+from scenes.motion.bones import bone_lengths, rest_lengths
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
 from scenes.world.scene import Scene
 from tests.scenectl.small import walk
 
@@ -57,12 +58,12 @@ def motion_of(motion: Motion, value: torch.Tensor) -> Motion:
 def test_it_is_a_step_whose_products_are_those_of_autograd() -> None:
     motion = replace(walkers(), joints=walkers().joints.double())
     value = 0.01 * torch.randn(motion.joints.shape, dtype=torch.float64)
-    step = SmoothStep.of(motion).at(value)
+    step = MappedStep(SmoothStep.of(motion), rigid).at(value)
     plain = DecodedStep(value, step.decode)
     assert isinstance(step, Step)
     tangent, cotangents = torch.randn_like(value), torch.randn(3, *value.shape, dtype=torch.float64)
     torch.testing.assert_close(step.motion.joints, plain.motion.joints)
-    torch.testing.assert_close(step.jvp(tangent), plain.jvp(tangent))
+    torch.testing.assert_close(step.jvp(tangent), plain.jvp(tangent), atol=1e-6, rtol=0)
     torch.testing.assert_close(step.vjps(cotangents), plain.vjps(cotangents))
     torch.testing.assert_close(step.vjp(cotangents[0]), step.vjps(cotangents)[0])
 
@@ -84,8 +85,8 @@ def test_targets_a_few_millimetres_off_are_met_and_nothing_else_suffers(joint: s
     objective = targets(motion, [0.004, 0.003, -0.004], joint)
     after, _ = finished(objective, motion)
     assert objective.met(after, CONTEXT).tolist() == [True, False]
-    assert torch.equal(after.joints[1], motion.joints[1])  # far from its targets: not polished
-    assert (bone_errors(after) - bone_errors(motion)).max() < 1e-3
+    torch.testing.assert_close(after.joints[1], motion.joints[1])  # far from its targets: not polished
+    assert (bone_lengths(after) - rest_lengths(after)).abs().max() < 1e-6
     assert max_acceleration(after[0]) < 1.1 * max_acceleration(motion[0])
     assert skating_ratio(after[0]) <= skating_ratio(motion[0])
     assert kept(motion, after).all()
@@ -95,13 +96,14 @@ def test_it_can_be_switched_off_and_leaves_alone_what_is_met_or_far_off() -> Non
     motion = walkers()
     for off, settings in (([0.005, 0.0, 0.0], {"polish": False}), ([0.0] * 3, {}), ([0.0, 3 * REACH, 0.0], {})):
         after, _ = finished(targets(motion, off), motion, **settings)
-        assert torch.equal(after.joints, motion.joints)
+        torch.testing.assert_close(after.joints, motion.joints)
 
 
-def test_a_move_that_strains_bones_is_not_kept_and_not_called_met() -> None:
+def test_a_move_that_is_too_far_is_not_kept_and_not_called_met() -> None:
     motion = walkers(1)
     after, solution = finished(targets(motion, [0.005, 0.0, 0.0]), motion, NOTHING_KEPT)
-    assert torch.equal(after.joints, motion.joints) and solution.reasons == ["no progress"]
+    torch.testing.assert_close(after.joints, motion.joints)
+    assert solution.reasons == ["no progress"]
 
 
 def test_what_cannot_be_polished_goes_on_through_the_decoder() -> None:
@@ -125,15 +127,12 @@ def test_targets_are_met_beside_costs_that_pull_the_other_way_within_their_toler
     assert solution.reasons == ["met"] and objective.met(after, CONTEXT).all()
 
 
-def test_stretched_bones_and_far_moves_are_not_kept() -> None:
+def test_far_moves_are_not_kept() -> None:
     motion = walkers(1)
-    wrist = motion.skeleton.index("left_wrist")
-    torn, shifted = motion.joints.clone(), motion.joints + 3 * REACH
-    torn[0, 5, wrist] += 0.019  # one bone of 21, by what no mean over bones shows
-    torn[0, 5, :wrist:2] += torch.tensor([0.0, 0.015, 0.0])
+    shifted = motion.joints.clone()
+    shifted[0, 5, 20, 1] += 3.1 * REACH  # one joint at one frame
     assert not kept(motion, replace(motion, joints=shifted)).any()
-    assert not kept(motion, replace(motion, joints=torn)).any()
-    assert kept(motion, motion).all()
+    assert kept(motion, replace(motion, joints=motion.joints + 1.7 * REACH)).all()
 
 
 def test_only_targets_in_metres_are_loosened_and_none_is_tightened() -> None:

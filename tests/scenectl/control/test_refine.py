@@ -75,7 +75,7 @@ def test_a_motion_without_a_step_is_refined_in_its_joints(free: bool) -> None:
     assert got.solution is not None and got.solution.reasons == ["met", "met"]
 
 
-def test_a_strained_sample_alone_is_solved_anew_for_smooth_moves_too() -> None:
+def test_a_lifted_sample_alone_is_solved_anew_for_smooth_moves_too() -> None:
     """Samples have motions of their own, which go with them when only some are searched for."""
     motion = walkers(3)
     goals = high()
@@ -88,7 +88,7 @@ def test_a_strained_sample_alone_is_solved_anew_for_smooth_moves_too() -> None:
             CONTEXT,
         )
         assert float((alone.motion.joints[0] - got.motion.joints[i]).abs().max()) < 0.05
-    assert "strained" in got.solution.reasons
+    assert "lifted" in got.solution.reasons
 
 
 @pytest.mark.parametrize("kind", ["smooth", "moved", "decoded", "latent"])
@@ -135,7 +135,7 @@ def test_every_tensor_is_made_where_the_value_is(solver: str, free: bool) -> Non
     with torch.device("meta"):
         got = refine(step, goals, CONTEXT, settings, start)
     assert got.motion.joints.device.type == "cpu" and got.solution is not None
-    assert "strained" in got.solution.reasons or solver in ("adam", "gradient")
+    assert "lifted" in got.solution.reasons or solver in ("adam", "gradient")
 
 
 def test_polishing_is_on_the_values_device_too() -> None:

@@ -456,11 +456,11 @@ def test_solutions_are_merged_without_changing_either() -> None:
     first = solve(quadratic, torch.zeros(3, 3), "lm", iterations=1)
     other = solve(quadratic, torch.ones(2, 3), "lm", iterations=2)
     value, reasons = first.value.clone(), list(first.reasons)
-    got = first.merged(other, torch.tensor([2, 0]), torch.tensor([True, False]), "strained")
+    got = first.merged(other, torch.tensor([2, 0]), torch.tensor([True, False]), "lifted")
     assert torch.equal(got.value[2], other.value[0]) and torch.equal(got.value[:2], value[:2])
-    assert got.cost[2] == other.cost[0] and got.reasons == [*reasons[:2], "strained"]
+    assert got.cost[2] == other.cost[0] and got.reasons == [*reasons[:2], "lifted"]
     assert got.evaluations == first.evaluations + other.evaluations
     assert torch.equal(first.value, value) and first.reasons == reasons
     settled = got.settled(torch.tensor([True, False, False]))
-    assert settled.reasons == ["met", reasons[1], "strained"] and got.reasons[0] == reasons[0]
+    assert settled.reasons == ["met", reasons[1], "lifted"] and got.reasons[0] == reasons[0]
     assert settled.settled(torch.zeros(3, dtype=torch.bool)).reasons[0] == "no progress"

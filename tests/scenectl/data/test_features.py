@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from scenectl.data import features as f
 from scenes.errors import UserError
 from scenes.motion.headings import rotation_about_y
+from scenes.motion.rigid import on_bones
 from scenes.motion.skeleton import HUMANML3D
 
 AGREED = 90
@@ -237,3 +239,28 @@ def test_clips_without_features_are_refused() -> None:
     broken[3, 4, 1] = math.nan
     with pytest.raises(UserError, match="not finite"):
         f.joints_to_features(broken)
+
+
+def test_features_on_the_body_are_those_of_its_bones() -> None:
+    """Directions and headings stay, feet keep their mean height, displacements follow joints, and once is enough."""
+    features = f.joints_to_features(random_clip())
+    placed = f.on_body(features)
+    before, after = f.features_to_joints(features), f.features_to_joints(placed)
+    torch.testing.assert_close(on_bones(after, HUMANML3D), after, atol=1e-5, rtol=0)
+    chain = [(16, 18), (18, 20), (1, 4), (4, 7), (12, 15)]
+    for parent, child in chain:
+        torch.testing.assert_close(
+            F.normalize(after[:, child] - after[:, parent], dim=-1),
+            F.normalize(before[:, child] - before[:, parent], dim=-1),
+        )
+    torch.testing.assert_close(after[:, [10, 11], 1].mean(), before[:, [10, 11], 1].mean())
+    torch.testing.assert_close(after[:, 0, [0, 2]], before[:, 0, [0, 2]])
+    turn = rotation_about_y(torch.nn.functional.pad(2 * features[:-1, 0].cumsum(0), (1, 0)))
+    steps = (turn[:-1, None] @ (after[1:] - after[:-1])[..., None]).squeeze(-1)
+    torch.testing.assert_close(placed[:-1, f.VELOCITIES].unflatten(-1, (22, 3)), steps, atol=1e-9, rtol=0)
+    torch.testing.assert_close(f.on_body(placed), placed, atol=1e-5, rtol=0)
+
+
+def test_only_the_map_is_between_decoded_features_and_a_body() -> None:
+    features = f.joints_to_features(random_clip())
+    torch.testing.assert_close(f.body_joints(features), on_bones(f.features_to_joints(features), HUMANML3D))

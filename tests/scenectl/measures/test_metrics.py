@@ -21,6 +21,7 @@ from scenectl.measures.metrics import (
 )
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.primitives import Box, Sphere
+from scenes.motion.bones import standing_pose
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
 from scenes.motion.waypoints import Waypoints
@@ -31,12 +32,9 @@ from tests.scenectl.small import walk
 
 def standing(frames: int = 40) -> Tensor:
     """A person at rest, lowest joint at y = 0, ``[T, 22, 3]``."""
-    joints = np.zeros((22, 3))
-    for j, parent in enumerate(HUMANML3D.parents):
-        joints[j] = (joints[parent] if parent >= 0 else 0.0) + np.array(HUMANML3D.offsets[j])
-    joints[[10, 11], 1] -= 0.047  # the rest pose has level feet; a person's ankle stands above the ball
+    joints = standing_pose(HUMANML3D)
     joints[:, 1] -= joints[:, 1].min()
-    return torch.tensor(joints, dtype=torch.float32).expand(frames, 22, 3).clone()
+    return joints.float().expand(frames, 22, 3).clone()
 
 
 def sliding(speed: float, frames: int = 40) -> Motion:

@@ -7,18 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
+from scenectl.control import Figure
 from scenectl.generators.base import Editor
 from scenectl.generators.mscot.keeping import bridged
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.pipeline.editing import edit, edited, mask_of, on_clock, settled
 from scenectl.tasks.task import Task
 from scenes.errors import UserError
+from scenes.motion.bones import bone_lengths, rest_lengths
 from scenes.motion.motion import Motion, Pose2D
-from scenes.motion.skeleton import HUMANML3D, Skeleton
+from scenes.motion.skeleton import HUMANML3D, Skeleton, with_lengths
 from tests.scenectl.small import bundle, walk
 
 FRAMES = 60
@@ -116,7 +119,7 @@ BAD: dict[str, tuple[Any, Any, str]] = {
     "long": (Motion(walk(1201)), mask((3, 9), frames=1201), "1201 frames; an edit takes 36 to 1200"),
     "other rate": (replace(WALK, fps=30.0), mask((3, 9)), "30 frames a second"),
     "a batch": (Motion(WALK.joints[None]), mask((3, 9)), "one motion"),
-    "other size": (Motion(WALK.joints * 2), mask((3, 9)), "2.00 times"),
+    "other size": (Motion(WALK.joints * 2), mask((3, 9)), "2.00 times as long as an adult's"),
     "not finite": (Motion(WALK.joints * torch.nan), mask((3, 9)), "not finite"),
     "other joints": (
         replace(WALK, skeleton=Skeleton(tuple(f"j{i}" for i in range(22)), HUMANML3D.parents, HUMANML3D.offsets)),
@@ -194,3 +197,38 @@ def test_the_command_writes_a_result(
     torch.testing.assert_close(made.joints[:, :30], WALK.joints[:30].expand(2, -1, -1, -1), atol=1e-5, rtol=0)
     said = scenectl("edit", tmp_path, "--keep", "0-3", "--prompt", "x", "-o", tmp_path / "out")
     assert said.status == 2 and "no frame anew" in said.err
+
+
+def other_person(factor: float) -> Motion:
+    """The walk by somebody of other proportions, the arms longer than that."""
+    lengths = HUMANML3D.bone_lengths * np.array([1.1 if "elbow" in n or "wrist" in n else 1.0 for n in HUMANML3D.names])
+    figure = Figure.between(HUMANML3D, with_lengths(HUMANML3D, factor * lengths), (1.0, 0.4, -2.0))
+    assert figure is not None
+    return replace(figure.of(WALK), skeleton=HUMANML3D)  # as a foreign file is read: its lengths are not stated
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.2])
+def test_an_edit_keeps_the_lengths_of_whom_it_is_of(generator: MSCoT, factor: float) -> None:
+    theirs, gone = other_person(factor), mask((20, 40))
+    result = edited(generator, theirs, gone, "a person walks", samples=2)
+    got = result.motion
+    torch.testing.assert_close(got.joints[:, ~gone], theirs.joints[~gone].expand(2, -1, -1, -1), atol=1e-5, rtol=0)
+    lengths, wanted = bone_lengths(got), bone_lengths(theirs)[0]
+    assert float((lengths - wanted).abs().max()) < 1e-4 and result.report["edit"]["kept_moved_m"] < 1e-5
+    assert result.report["body"]["height_m"] == pytest.approx(1.7 * factor, abs=0.02)
+
+
+def test_kept_frames_whose_bones_change_are_made_rigid_and_it_is_said(
+    scenectl: Callable[..., Any], generator: MSCoT, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("scenectl.generators.load_generator", lambda *args, **kwargs: generator)
+    soft = WALK.joints.clone()
+    soft[::2, HUMANML3D.index("left_wrist"), 0] += 0.05
+    replace(WALK, joints=soft).save(tmp_path / "motion.npz")
+    words = ("edit", tmp_path, "--keep", "0-1.5", "--prompt", "someone sits", "-o", tmp_path / "out", "--no-preview")
+    said = scenectl(*words, "--allow-unmet")
+    made = Motion.load(tmp_path / "out" / "motion.npz")
+    assert float((bone_lengths(made) - rest_lengths(made)).abs().max()) < 1e-4
+    moved = float((made.joints[0, :30] - soft[:30]).norm(dim=-1).max())
+    assert moved > 0.005 and f"kept frames moved by {1000 * moved:.1f} mm at most" in said.out
+    assert "bones of the motion change their lengths" in said.err

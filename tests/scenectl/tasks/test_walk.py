@@ -16,7 +16,7 @@ from scenectl.tasks.schema import Walk
 from scenectl.tasks.setup import Setup
 from scenectl.tasks.task import Task
 from scenectl.tasks.walk import BRAKE, PACE, STAND, Schedule, walk_terms
-from scenes.body.body import DEFAULT_BODY
+from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
@@ -26,9 +26,10 @@ FPS = 20.0
 END = {"walk: stop", "walk: standing", "walk: feet down"}
 
 
-def built(walk: dict[str, Any], seconds: float | None = None, goals: tuple[Any, ...] = ()) -> Setup:
+def built(walk: dict[str, Any], seconds: float | None = None, goals: tuple[Any, ...] = (), **more: Any) -> Setup:
     table = {"to": [0.0, 4.0], **walk}
-    return Task(prompt="x", seconds=seconds, scene=Scene.empty(), start=[0.0, 0.0], walk=table, goals=goals).build()
+    given = {"seconds": seconds, "walk": table, "goals": goals, **more}
+    return Task(prompt="x", scene=Scene.empty(), start=[0.0, 0.0], **given).build()
 
 
 def by_name(setup: Setup) -> dict[str, Term]:
@@ -177,3 +178,25 @@ def test_others_find_a_person_who_stands_there(goal: dict[str, Any] | None) -> N
     assert terms["walk: arrive"].window == pytest.approx((3.0, 3.0 + STAND))
     assert terms["walk: stop"].window == pytest.approx((3.0, 5.95))
     assert terms["walk: feet down"].window == pytest.approx((5.95 - STAND, 5.95))
+
+
+@pytest.mark.parametrize("height", [1.25, 2.05])
+def test_walks_go_with_the_legs(height: float) -> None:
+    ratio, stop = height / 1.7, BRAKE / 2 + STAND
+    adult, other = built({}), built({}, body={"height": height})
+    assert other.seconds - stop == pytest.approx((adult.seconds - stop) / ratio, abs=0.11)
+    assert other.start.position[1] == pytest.approx(ratio * adult.start.position[1])
+    lag = [by_name(setup)["walk: path"].parameters["lag"] for setup in (adult, other)]
+    assert lag[1] == pytest.approx(ratio * lag[0])
+    enough = 4.0 / (1.6 * ratio) + 0.1
+    assert built({"stop": False}, seconds=max(enough, 1.8), body={"height": height}).seconds
+    if ratio < 1:
+        with pytest.raises(UserError, match="too far to walk"):
+            built({"stop": False}, seconds=2.6, body={"height": height})  # an adult can
+
+
+def test_room_is_kept_for_the_body_unless_it_is_stated() -> None:
+    child, giant = ProxyBody.human(1.25), ProxyBody.human(2.05)
+    assert Walk(to=(0.0, 4.0)).room(DEFAULT_BODY) == (0.3, 1.8)
+    assert Walk(to=(0.0, 4.0)).room(child) == pytest.approx((0.3 * 1.25 / 1.7, 1.8 * 1.25 / 1.7), abs=2e-3)
+    assert Walk(to=(0.0, 4.0), radius=0.25, height=1.4).room(giant) == (0.25, 1.4)

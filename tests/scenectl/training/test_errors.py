@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from scenectl.data.clips import prepare
+from scenectl.data.features import on_body
 from scenectl.training.errors import BANDS, band_rms, error_by_band, error_by_joint, error_by_source
 from tests.scenectl.small import walk
 from tests.scenectl.training.folder import walks
@@ -55,7 +56,7 @@ def test_reconstruction_errors_are_what_they_are_called(tmp_path: Path) -> None:
 
     def raised(features: torch.Tensor) -> torch.Tensor:
         """Raises every clip by 10 cm, and makes nothing else wrong."""
-        moved = features.clone()
+        moved = on_body(features)
         moved[..., 3] += 0.1
         moved[..., 5:67:3] += 0.1
         return moved

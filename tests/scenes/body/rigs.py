@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -120,7 +121,7 @@ LIMBS = {
 
 
 def standing() -> np.ndarray:
-    """Joints of a person with arms hanging, soles at height 0, ``[22, 3]`` metres."""
+    """Joints of a person in the T-pose, soles at height 0, ``[22, 3]`` metres."""
     joints = np.zeros((22, 3))
     for p, j in HUMANML3D.bones:
         joints[j] = joints[p] + np.array(HUMANML3D.offsets[j])
@@ -131,9 +132,24 @@ def standing() -> np.ndarray:
     return joints - [0.0, joints[:, 1].min() - 0.025, 0.0]
 
 
-def humanoid(names: Sequence[str] = HUMANML3D.names) -> Gltf:
+def other_person(legs: float = 0.8, arms: float = 0.9, trunk: float = 0.75, lean: float = 0.9) -> np.ndarray:
+    """Joints of somebody of other proportions, who rests with arms that hang by so much (rad), as `standing` gives."""
+    place, before = np.zeros((22, 3)), standing()
+    for p, j in HUMANML3D.bones:
+        name = HUMANML3D.names[j]
+        arm = name.endswith(("elbow", "wrist"))
+        size = legs if name.endswith(("knee", "ankle", "foot")) else arms if arm else trunk
+        bone = size * (before[j] - before[p])
+        if arm:
+            length = float(np.linalg.norm(bone))
+            bone = length * np.array([math.copysign(math.cos(lean), bone[0]), -math.sin(lean), 0.0])
+        place[j] = place[p] + bone
+    return place - [0.0, place[:, 1].min() - 0.025, 0.0]
+
+
+def humanoid(names: Sequence[str] = HUMANML3D.names, place: np.ndarray | None = None) -> Gltf:
     """A person of closed cylinders around the bones, a ball for a head and boxes for hands and toes."""
-    place = standing()
+    place = standing() if place is None else place
     solids: dict[int, list[Any]] = {}
     for p, j in HUMANML3D.bones:
         radius = LIMBS[HUMANML3D.names[j].removeprefix("left_").removeprefix("right_")]

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings, strategies as st
 
-from scenes.body.body import DEFAULT_BODY, SOURCE, STRETCH, ProxyBody
+from scenes.body.body import DEFAULT_BODY, SHORTEST, SOURCE, STATURE, STRETCH, TALLEST, ProxyBody
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
@@ -154,3 +155,23 @@ def test_segments_are_the_samples_whole() -> None:
     samples = points[..., None, :, :]  # and it ends at samples: where joints carry thinner spheres, it stops before
     for ends in (a, b):
         assert ((ends[..., None, :] - samples).norm(dim=-1).amin(-1) < 1e-9).all()
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(SHORTEST, TALLEST))
+def test_people_of_other_heights_are_in_proportion(height: float) -> None:
+    body, ratio = ProxyBody.human(height), height / STATURE
+    assert body.height == pytest.approx(height, abs=1e-3) and body.size == pytest.approx(ratio)
+    assert body.breadth == pytest.approx(ratio * BODY.breadth)
+    np.testing.assert_allclose(body.skeleton.bone_lengths, ratio * BODY.skeleton.bone_lengths)
+    joints = rest_pose()
+    torch.testing.assert_close(body.points_of(ratio * joints), ratio * BODY.points_of(joints))
+    torch.testing.assert_close(body.radii(), ratio * BODY.radii())
+    assert body.sole_offset == pytest.approx(ratio * BODY.sole_offset)
+
+
+def test_the_default_body_is_that_of_the_default_height_and_others_are_refused() -> None:
+    assert ProxyBody.human(STATURE) == BODY and BODY.size == 1.0
+    for height in (1.19, 2.11, 0.0, -1.7, float("nan"), float("inf")):
+        with pytest.raises(UserError, match=r"height is .*; give 1\.2 to 2\.1 m"):
+            ProxyBody.human(height)

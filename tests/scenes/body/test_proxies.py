@@ -17,7 +17,7 @@ from scenes.body.body import DEFAULT_BODY
 from scenes.body.capsules import sample_surface
 from scenes.body.fit import PLACED, fit_body
 from scenes.body.gltf import read_rig
-from scenes.body.proxies import FittedPart, Proxies, fit_part, fit_proxies
+from scenes.body.proxies import FittedPart, Proxies, fit_part, fit_proxies, load_body
 from scenes.body.rig import Part, Rig
 from scenes.body.urdf import read_urdf
 from scenes.errors import UserError
@@ -25,7 +25,7 @@ from scenes.mesh.primitives import Box, Capsule, Plane, Sphere
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 from scenes.motion.waypoints import Waypoints
-from tests.scenes.body.rigs import arm, humanoid, robot, standing
+from tests.scenes.body.rigs import arm, humanoid, other_person, robot, standing
 
 NAMES = {name: name for name in HUMANML3D.names}
 
@@ -277,3 +277,37 @@ def test_asking_for_nothing_is_told(lamp: Rig) -> None:
 def test_volumes_agree_with_trimesh(lamp: Rig) -> None:
     for part, found in zip(lamp.parts, fit_proxies(lamp).parts, strict=True):
         assert found.inside == pytest.approx(abs(trimesh.Trimesh(part.vertices, part.faces).volume), rel=1e-6)
+
+
+def test_a_body_has_the_lengths_of_its_person_whatever_they_rest_in(tmp_path: Path) -> None:
+    place = other_person(legs=0.8, arms=0.9, trunk=0.75, lean=0.9)
+    body = fit_body(read_rig(humanoid(place=place).save(tmp_path / "small.glb")), NAMES)
+    bones = [(j, np.linalg.norm(place[j] - place[p])) for p, j in HUMANML3D.bones]
+    np.testing.assert_allclose(
+        [body.skeleton.bone_lengths[j] for j, _ in bones], [size for _, size in bones], atol=2e-6
+    )
+    assert np.sign(body.skeleton.offsets).tolist()[18] == [1, 0, 0]  # arms that hang at rest are stretched out
+    assert body.size == pytest.approx(0.8, abs=0.03) and body.sole_offset == pytest.approx(0.025, abs=2e-3)
+    at = torch.einsum("mj,jd->md", body._samples.weights, torch.from_numpy(place))
+    assert (at[:, 1] - body.radii(at)).min() > -1e-3  # nothing reaches below the soles
+
+
+def test_joints_in_one_place_are_no_bone(tmp_path: Path) -> None:
+    rig = read_rig(humanoid(place=standing()).save(tmp_path / "person.glb"))
+    frames = rig.frames.copy()
+    frames[rig.index("spine2")] = frames[rig.index("spine1")]
+    with pytest.raises(UserError, match="spine1 and spine2 of 'person' lie in one place"):
+        fit_body(replace(rig, frames=frames), NAMES)
+
+
+def test_bodies_no_motion_is_made_for_are_told_and_old_ones_stay_adults(person: Rig, tmp_path: Path) -> None:
+    found = fit_proxies(person, joints=NAMES)
+    assert found.body is not None
+    replace(found, body=found.body.scaled(3.0)).save(tmp_path / "giant.json")
+    with pytest.raises(UserError, match=r"legs of 2\.\d+ m; motions are made for legs of 0\.37 to 1\.49 m"):
+        load_body(tmp_path / "giant.json")
+    replace(found, body=found.body.scaled(0.8)).save(tmp_path / "new.json")
+    old = json.loads((tmp_path / "new.json").read_text())
+    assert load_body(tmp_path / "new.json").size == pytest.approx(0.8 * found.body.size)
+    (tmp_path / "old.json").write_text(json.dumps({**old, "format": "scenectl body 1"}))
+    assert load_body(tmp_path / "old.json").skeleton == HUMANML3D

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.clips import ClipSet, beginnings
-from scenectl.data.features import features_to_joints
+from scenectl.data.features import body_joints
 from scenectl.generators.mscot.networks.preconditioner import Preconditioner
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
@@ -50,7 +50,7 @@ def _pulled(
 ) -> list[Float[Tensor, "R S _L d"]]:
     """Each scale's gradients for random pulls."""
     parts = [e.requires_grad_(True) for e in embeddings]
-    joints = features_to_joints(tokenizer.decode_latent(tokenizer.quantiser.latent(parts, finest)))
+    joints = body_joints(tokenizer.decode_latent(tokenizer.quantiser.latent(parts, finest)))
     pulls = [torch.autograd.grad(joints, parts, pull, retain_graph=True) for pull in _pulls(joints, draw)]
     return [torch.stack(each) for each in zip(*pulls, strict=True)]
 

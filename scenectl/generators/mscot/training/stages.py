@@ -27,7 +27,7 @@ from scenectl.generators.mscot.training.transformer import (
     train_transformer,
 )
 from scenectl.generators.training import manifest_of
-from scenectl.generators.weights import described
+from scenectl.generators.weights import described, weights_folder
 from scenectl.training.card import table
 from scenectl.training.errors import band_table, error_by_source, joint_table, source_table
 from scenectl.training.loop import Loop
@@ -98,6 +98,17 @@ def _preconditioner(run: MSCoTRun, folder: Path) -> Preconditioner:
     """In what coordinates refinement of the exported weights searches best."""
     bundle = load_bundle(described(folder), with_metric=False)
     return measure_preconditioner(bundle.tokenizer, bundle.refiner, run.clips(["train"], True), run.recipe.seed)
+
+
+def _exported(weights: str | Path) -> Mapping[str, nn.Module]:
+    bundle = load_bundle(described(weights_folder(weights)), with_metric=False)
+    tokenizer = bundle.tokenizer
+    return {
+        "tokenizer": tokenizer,
+        "decoder": tokenizer.decoder,
+        "refiner": bundle.refiner,
+        "transformer": bundle.transformer,
+    }
 
 
 def _figures(run: MSCoTRun, parts: Mapping[str, nn.Module], train: ClipSet, test: ClipSet) -> dict[str, Any]:
@@ -174,6 +185,7 @@ TRAINING = Training(
     measure=_figures,
     report=_report,
     measured={"metric": _preconditioner},
+    exported=_exported,
     text=("model.text", "model.transformer.text_dim"),
     comparison=Comparison("tokenizer", _columns, _shortened),
 )

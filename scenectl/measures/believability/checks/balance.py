@@ -9,7 +9,7 @@ from scenectl.measures.believability.evidence import RATE, Evidence, averages
 from scenectl.measures.believability.words import centimetres, span
 
 REACH = 0.05
-"""Parts of the body no higher (m) than this over its lowest part support it."""
+"""Parts of an adult no higher (m) than this over the lowest part support the body; others' in proportion."""
 DIRECTIONS = 32
 WINDOW = 2.5
 
@@ -29,7 +29,9 @@ def balance(evidence: Evidence) -> Found | None:
     height = center[:, 1] - (carried.points[..., 1] - carried.heights).min(axis=1)
     bearing = np.maximum(evidence.load, 0.2)
     acts = center[:, ::2] - (height / bearing)[:, None] * evidence.pushed[:, ::2]
-    outside = _outside(acts, carried.points[..., ::2], carried.heights <= carried.lowest[:, None] + REACH)
+    outside = _outside(
+        acts, carried.points[..., ::2], carried.heights <= carried.lowest[:, None] + REACH * evidence.size
+    )
     means = np.linalg.norm(averages(outside * bearing[:, None], WINDOW), axis=1)
     first = int(means.argmax())
     last = min(first + round(WINDOW * RATE), evidence.frames) - 1
@@ -50,4 +52,4 @@ def _outside(points: np.ndarray, support: np.ndarray, holds: np.ndarray) -> np.n
     return vectors
 
 
-CHECKS = (Check("balance", "m", balance, share=0.9925, explains=1),)
+CHECKS = (Check("balance", "m", balance, share=0.9925, explains=1, grows=True),)

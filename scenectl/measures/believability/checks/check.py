@@ -40,6 +40,8 @@ class Check:
             also off balance.
         plainly: times its limit from which on it explains others.
         least: people stay above the limit rather than below.
+        grows: the limit is an adult's, and others' in proportion to their legs: bodies of all sizes take as many steps
+            a second here (`scenectl.control.figure`).
     """
 
     name: str
@@ -51,6 +53,7 @@ class Check:
     explains: int = 0
     plainly: float = 1.0
     least: bool = False
+    grows: bool = False
 
     @property
     def key(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from objectives import Context
 from objectives.library.natural import joint_limits
@@ -13,21 +14,38 @@ from scenes.motion.bones import bone_lengths, rest_lengths
 
 
 def bones(evidence: Evidence) -> Found | None:
-    """How far (m) a bone is off its length: the skeleton's, scaled to the size of the body.
-
-    The size is the median ratio over bones and frames, so that tall and short people are judged by their proportions.
-    """
-    given = evidence.given
-    if not given.frames:
+    """How far (m) a bone is off its own median length, whatever the proportions of the body."""
+    if not evidence.given.frames:
         return None
-    lengths = bone_lengths(given).detach().cpu().double().numpy()
-    rest = rest_lengths(given).detach().cpu().double().numpy()
-    off = lengths - rest * np.median(np.median(lengths, axis=0) / rest)
+    lengths = bone_lengths(evidence.given).detach().cpu().double().numpy()
+    return _furthest(evidence, lengths - np.median(lengths, axis=0), "than at other times")
+
+
+def proportions(evidence: Evidence) -> Found | None:
+    """How far (m) a bone's median length is off the skeleton's, scaled to the size of the body.
+
+    The size is the median ratio over bones, so that tall and short people are judged alike.
+    """
+    if not evidence.given.frames:
+        return None
+    lengths = np.median(bone_lengths(evidence.given).detach().cpu().double().numpy(), axis=0, keepdims=True)
+    rest = rest_lengths(evidence.given).detach().cpu().double().numpy()
+    return _furthest(evidence, lengths - rest * np.median(lengths / rest), "than it should be")
+
+
+def _furthest(evidence: Evidence, off: Float[np.ndarray, "T B"], than: str) -> Found:
+    """The bone that is longer or shorter (m) by the most, in whichever frame."""
+    given = evidence.given
     frame, bone = np.unravel_index(int(np.abs(off).argmax()), off.shape)
     value, at = float(off[frame, bone]), float(given.times[frame])
     part = bone_name(given.skeleton.names[given.skeleton.bones[bone][1]])
     word = "longer" if value > 0 else "shorter"
-    return Found(abs(value), f"{part} {centimetres(abs(value))} {word} than it should be at {at:.2f} s", at, part)
+    when = f" at {at:.2f} s" if len(off) > 1 else ""
+    return Found(abs(value), f"{part} {_size(abs(value))} {word} {than}{when}", at if when else None, part)
+
+
+def _size(metres: float) -> str:
+    return centimetres(metres) if metres >= 0.01 else f"{1000 * metres:.0f} mm"
 
 
 def joints(evidence: Evidence) -> Found | None:
@@ -46,6 +64,7 @@ def joints(evidence: Evidence) -> Found | None:
 
 
 CHECKS = (
-    Check("bones", "m", bones, 0.06, "issue 21: bones more than 6 cm off their length", explains=4),
+    Check("bones", "m", bones, 0.001, "ten times what is left of rigid bones in what scenectl makes", explains=4),
+    Check("proportions", "m", proportions, 0.06, "issue 21: bones more than 6 cm off their length", explains=4),
     Check("joints", "degrees", joints, share=0.997),
 )

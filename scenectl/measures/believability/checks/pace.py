@@ -68,9 +68,9 @@ def _told(evidence: Evidence, means: np.ndarray, window: float, words: str, join
 
 
 CHECKS = (
-    Check("speed", "m/s", speed, share=0.998),
-    Check("joint_speed", "m/s", joint_speed, share=0.996),
-    Check("acceleration", "m/s^2", acceleration, share=0.997),
+    Check("speed", "m/s", speed, share=0.998, grows=True),
+    Check("joint_speed", "m/s", joint_speed, share=0.996, grows=True),
+    Check("acceleration", "m/s^2", acceleration, share=0.997, grows=True),
     Check("turning", "degrees/s", turning, share=0.997),
-    Check("jump", "m", jump, share=0.999, explains=2, plainly=3.0),
+    Check("jump", "m", jump, share=0.999, explains=2, plainly=3.0, grows=True),
 )

@@ -9,7 +9,7 @@ from scenectl.measures.believability.evidence import RATE, Evidence, averages
 from scenectl.measures.believability.words import span
 
 LOW = 0.1
-"""Feet slide at any height (m) below this."""
+"""An adult's feet slide at any height (m) below this; others in proportion to their legs, as with `NEAR`."""
 NEAR = 0.05
 """Parts of feet no higher (m) than this over the lowest one carry with it."""
 
@@ -34,7 +34,7 @@ def slides(seconds: float, share: float) -> Check:
         told = f"the feet that carry slide at {value:.2f} m/s {span(evidence.times, first, last)}"
         return Found(value, told, float(evidence.times[(first + last) // 2]), "feet")
 
-    return Check(f"sliding_{seconds:g}s", "m/s", look, share=share)
+    return Check(f"sliding_{seconds:g}s", "m/s", look, share=share, grows=True)
 
 
 def _at_rest(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
@@ -44,7 +44,8 @@ def _at_rest(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
     heights = carried.heights[:, :count]
     heights = np.maximum(heights[1:], heights[:-1])
     velocities = np.diff(carried.points[:, :count, ::2], axis=0) * RATE
-    carries = (heights < LOW) & (heights <= np.maximum(heights.min(axis=1, keepdims=True), 0.0) + NEAR)
+    low, near = LOW * evidence.size, NEAR * evidence.size
+    carries = (heights < low) & (heights <= np.maximum(heights.min(axis=1, keepdims=True), 0.0) + near)
     slowest = np.where(carries, np.linalg.norm(velocities, axis=-1), np.inf).argmin(axis=1)
     load = np.minimum(evidence.load[1:], evidence.load[:-1]).clip(0.0, 3.0) * carries.any(axis=1)
     return velocities[np.arange(len(slowest)), slowest], load**2

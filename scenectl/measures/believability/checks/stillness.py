@@ -48,5 +48,5 @@ def travels(prompt: str) -> bool:
 
 CHECKS = (
     Check("frozen", "s", frozen, share=0.998, explains=3),
-    Check("standing_still", "m/s", standing, share=0.998, least=True),
+    Check("standing_still", "m/s", standing, share=0.998, least=True, grows=True),
 )

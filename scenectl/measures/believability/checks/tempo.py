@@ -14,7 +14,7 @@ WINDOW, LEAST = 2.0, 1.0
 TOGETHER = 5
 """Windows that are averaged, each a quarter later than the one before: 4 s where the body gets on all the time."""
 WALKS = 0.5
-"""Mean speed of the pelvis over the ground (m/s) from which on there is a gait, which has a pace."""
+"""Mean speed of the pelvis over the ground (m/s) from which on an adult has a gait, which has a pace."""
 _PARTS = {
     "trunk": ("spine3", "neck", "head"),
     "elbows": ("left_elbow", "right_elbow"),
@@ -41,11 +41,11 @@ medians over time, so that a single jump counts for nothing."""
 def features(evidence: Evidence, first: int, last: int) -> np.ndarray:
     """`FEATURES` of frames first to last - 1 of a motion at `RATE`."""
     now = slice(first, last)
-    center, pelvis = evidence.center[now], evidence.joints[now, :1]
+    center, joints = evidence.center[now] / evidence.size, evidence.joints[now] / evidence.size  # as an adult's
     index = evidence.motion.skeleton.indices
     tracks = [center[:, None, 1:2], center[:, None, ::2]]
-    tracks += [evidence.joints[now, index(names)] - pelvis for names in _PARTS.values()]
-    found = [float((evidence.carried.lowest[now] > 0.03).mean())]
+    tracks += [joints[:, index(names)] - joints[:, :1] for names in _PARTS.values()]
+    found = [float((evidence.carried.lowest[now] > 0.03 * evidence.size).mean())]
     for number, track in enumerate(tracks):
         rates = [track - track.mean(axis=0)]
         for _ in range(3):
@@ -64,7 +64,9 @@ def windows(evidence: Evidence) -> list[tuple[int, int]]:
         return []
     starts = sorted({*range(0, evidence.frames - size + 1, round(WINDOW * RATE / 4)), evidence.frames - size})
     speeds = np.linalg.norm(evidence.velocities[:, 0, ::2], axis=-1)
-    return [(start, start + size) for start in starts if speeds[start : start + size - 1].mean() > WALKS]
+    return [
+        (start, start + size) for start in starts if speeds[start : start + size - 1].mean() > WALKS * evidence.size
+    ]
 
 
 def rates(evidence: Evidence, weights: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from tests.scenectl.training.folder import walks
 KEYS = {
     "method", "scene", "joint", "density", "frames", "seconds", "refine_seconds", "passes", "average_error_m",
     "location_error", "trajectory_error", "deepest_penetration_m", "deepest_floor_penetration_m",
-    "moved_m", "bone_error_m", "max_acceleration_m_per_frame2", "skating_ratio",
+    "moved_m", "max_acceleration_m_per_frame2", "skating_ratio",
 }  # fmt: skip
 
 

@@ -20,8 +20,11 @@ def test_every_kind_is_made_both_ways(tmp_path: Path) -> None:
     assert summary["cases"] == len(KINDS)
     for way in ("natural", "goals alone"):
         assert 0 <= summary[way]["named"] <= 1 and summary[way]["median_seconds"] > 0
-        worst = max(r["bone_error_m"] - r["bone_error_free_m"] for r in rows if r["way"] == way)
-        assert summary[way]["bone_error_above_free_m"] == worst
+        mine = [row for row in rows if row["way"] == way]
+        assert summary[way]["lift_m"] == max(row["lift_m"] for row in mine)
+        assert all((row["spoilt_missed_m"] is None) == (row["kind"] == "noisy") for row in mine)
+        sound = [row for row in mine if row["kind"] != "noisy"]
+        assert summary[way]["others_met"] == sum(row["missed_m"] <= 0.01 for row in sound) / len(sound)
 
 
 def test_one_target_is_spoilt_and_all_where_they_are_noise() -> None:

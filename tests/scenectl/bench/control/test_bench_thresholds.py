@@ -22,10 +22,10 @@ def test_every_threshold_says_what_it_decides_and_where_it_comes_from() -> None:
 
 
 def test_a_changed_threshold_has_its_row_beside_the_unchanged_table(tiny: ModuleType) -> None:
-    found = bench_thresholds(tiny.TinyGenerator(), ("stretch", "trials"), (1.0, 0.04))
+    found = bench_thresholds(tiny.TinyGenerator(), ("lift", "trials"), (1.0, 0.04))
     rows = found["rows"]
     assert [(row["name"], row["value"]) for row in rows[1:]] == [
-        ("stretch", 0.005), ("stretch", 0.0002), ("trials", 10), ("trials", 1),
+        ("lift", 0.03), ("lift", 0.0012), ("trials", 10), ("trials", 1),
     ]  # fmt: skip
     base = rows[0]
     for row in (rows[1], rows[3]):  # a factor of one changes nothing
@@ -34,8 +34,8 @@ def test_a_changed_threshold_has_its_row_beside_the_unchanged_table(tiny: Module
 
 
 def test_an_unknown_threshold_is_refused_in_a_sentence(tiny: ModuleType) -> None:
-    with pytest.raises(UserError, match=r"unknown threshold 'strech'.*stretch"):
-        bench_thresholds(tiny.TinyGenerator(), ("strech",))
+    with pytest.raises(UserError, match=r"unknown threshold 'lft'.*lift"):
+        bench_thresholds(tiny.TinyGenerator(), ("lft",))
 
 
 def test_prices_are_ratios_to_a_pass_of_every_kind_of_step(tiny: ModuleType) -> None:

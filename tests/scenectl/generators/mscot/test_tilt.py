@@ -35,8 +35,15 @@ class Goal:
         return torch.autograd.grad(self.function(step.decode(value).joints).sum(), value)[0]
 
 
+class LinearStep(DecodedStep):
+    """A step of free points, which its decoder alone places: rigid bones are not linear in anything."""
+
+    def decode(self, value: Tensor) -> Motion:
+        return self.decoder(value)
+
+
 class Linear(MSCoT):
-    """MSCoT whose decoder is linear: joints are a fixed map of the latent."""
+    """MSCoT whose decoder is linear: joints are a fixed map of the latent, and on no bones."""
 
     def __init__(self, shrink: float = 1.0) -> None:
         super().__init__(double(bundle()), Sampling(clip_nats=0.0))
@@ -48,7 +55,7 @@ class Linear(MSCoT):
         return Motion((latent.flatten(1) @ self.map).unflatten(1, (FRAMES, 22, 3)))
 
     def _step(self, state: _State, value: Tensor, latent: Callable[[Tensor], Tensor]) -> Step:
-        return DecodedStep(value, lambda v: self._moved(latent(v)))
+        return LinearStep(value, lambda v: self._moved(latent(v)))
 
 
 def decoded(generator: MSCoT, state: _State, embeddings: list[Tensor]) -> Motion:
@@ -68,7 +75,8 @@ def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Te
     state = _State(FRAMES, covering(FINEST), HERE, drawn, drawn, [], latent=latent)
     prior = (spread * torch.randn(2, lengths[k], 16, generator=draw, dtype=torch.float64)).log_softmax(-1)
     mean = prior.exp() @ q.codes(k)
-    return state, prior, DecodedStep(mean, lambda e: decoded(generator, state, [*drawn, e]))
+    kind = LinearStep if isinstance(generator, Linear) else DecodedStep
+    return state, prior, kind(mean, lambda e: decoded(generator, state, [*drawn, e]))
 
 
 def exact(generator: MSCoT, prior: Tensor, step: DecodedStep, goal: Goal, k: int) -> Tensor:

@@ -18,9 +18,10 @@ from scenectl.measures.believability.verdict import Verdict
 from scenectl.measures.metrics import Scorer
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.primitives import Box, Sphere
-from scenes.motion.bones import rest_pose
+from scenes.motion.bones import standing_pose
 from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
 from scenes.motion.skeleton import HUMANML3D
 from scenes.motion.waypoints import Waypoints
 from scenes.world.moving import MovingObject, Trajectory
@@ -43,12 +44,11 @@ def grounded(motion: Motion) -> Motion:
 
 def stander(frames: int = 60) -> Motion:
     """A person who stands and sways."""
-    joints = rest_pose(HUMANML3D)
-    joints[[10, 11], 1] -= 0.047  # the rest pose has level feet; a person's ankle stands above the ball
+    joints = standing_pose(HUMANML3D)
     joints[:, 2] -= 0.04
     height = (joints[:, 1:2] - joints[:, 1].min()) / 1.5
     sway = 0.02 * torch.sin(torch.arange(frames) / 3.0).double()
-    return grounded(Motion(joints + height * sway[:, None, None]))
+    return grounded(rigid(Motion(joints + height * sway[:, None, None])))
 
 
 def moved(motion: Motion, by: Tensor) -> Motion:
@@ -99,7 +99,8 @@ def test_a_verdict_does_not_depend_on_the_rate_of_the_file(fps: float, name: str
     times = np.arange(motion.frames) / 20
     kind = "linear" if name else "cubic"
     joints = interp1d(times, motion.joints.numpy(), kind, axis=0)(np.arange(0, times[-1], 1 / fps))
-    verdict = judged(Motion(torch.from_numpy(joints), fps=fps))
+    motion = rigid(Motion(torch.from_numpy(joints), fps=fps))
+    verdict = judged(motion if name else grounded(motion))
     if not name:
         assert verdict.believable, verdict.sentence
     else:
@@ -206,15 +207,24 @@ def test_feet_slide_at_any_height_below_ten_centimetres(height: float) -> None:
     assert not {name for name in checks(judged(motion)) if name.startswith("sliding")}
 
 
+def test_bones_stay_as_long_as_they_are_whatever_their_proportions() -> None:
+    motion = walker()
+    longer = motion.joints.clone()
+    longer[40:42, 15] += 0.004 * torch.nn.functional.normalize(longer[40:42, 15] - longer[40:42, 12], dim=-1)
+    finding = judged(replace(motion, joints=longer)).findings[0]
+    assert finding.check == "bones" and finding.sentence == "head 4 mm longer than at other times at 2.00 s"
+    assert finding.at_s == pytest.approx(2.0)
+
+
 def test_bones_are_as_long_as_the_bodys_own_size_has_them() -> None:
     motion = walker()
     tall = grounded(replace(motion, joints=1.15 * motion.joints))
-    assert "bones" not in checks(judged(tall))
+    assert not {"bones", "proportions"} & set(checks(judged(tall)))
     joints = motion.joints.clone()
     for elbow, wrist in ((18, 20), (19, 21)):
         joints[:, wrist] = joints[:, elbow] + (joints[:, wrist] - joints[:, elbow]) * (1 - 0.15 / 0.268)
     verdict = judged(replace(motion, joints=joints))
-    assert verdict.findings[0].check == "bones" and "forearm 15 cm shorter than it should be" in verdict.sentence
+    assert verdict.findings[0].check == "proportions" and "forearm 15 cm shorter than it should be" in verdict.sentence
 
 
 def test_knees_bend_one_way_however_the_trunk_leans() -> None:
@@ -279,7 +289,7 @@ def test_what_explains_others_comes_first() -> None:
     assert made is not None
     deep = moved(made[0], torch.tensor([0.0, -0.5, 0.0]).double())
     verdict = judged(deep)
-    assert [finding.check for finding in verdict.findings][:1] == ["bones"] and "penetration" in checks(verdict)
+    assert [finding.check for finding in verdict.findings][:1] == ["proportions"] and "penetration" in checks(verdict)
     rest = [finding for finding in verdict.findings if finding.check in ("penetration", "balance", "sliding_2s")]
     ratios = [finding.value / finding.limit for finding in rest]
     assert ratios == sorted(ratios, reverse=True)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from scenectl.data.clips import beginnings, prepare
-from scenectl.data.features import features_to_joints, joints_to_features
+from scenectl.data.features import body_joints, features_to_joints, joints_to_features, on_body
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.training.measures import (
     code_use,
@@ -56,7 +56,7 @@ def test_a_model_is_measured_on_whole_beginnings(tmp_path: Path) -> None:
     train, test = (prepare(data, [split], None, tmp_path, 0) for split in ("train", "test"))
     tokenizer = model()
     found = measure_tokenizer(tokenizer, train, test)
-    got = features_to_joints(tokenizer.decode(tokenizer.encode(beginnings(test, 64))))
-    error = (got - features_to_joints(beginnings(test, 64))).norm(dim=-1).mean()
+    got = body_joints(tokenizer.decode(tokenizer.encode(beginnings(test, 64))))
+    error = (got - features_to_joints(on_body(beginnings(test, 64)))).norm(dim=-1).mean()
     mean = sum(row["global_error_m"] for row in found["error_by_joint"].values()) / 22
     assert mean == pytest.approx(float(error), rel=1e-4) and found["clips"] == 2

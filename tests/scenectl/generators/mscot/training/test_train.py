@@ -264,6 +264,30 @@ def test_a_decoder_of_its_own_leaves_the_tokens_alone(run: Path, recipe: Path, d
         train("refiner", data, recipe, tmp_path)
 
 
+def test_one_stage_of_finished_weights_is_trained_anew(run: Path, recipe: Path, data: Path, tmp_path: Path) -> None:
+    finished = run / "weights"
+    train("decoder", data, recipe, tmp_path, weights=finished)
+    train("export", data, recipe, tmp_path, weights=finished)
+    before, after = load_bundle(described(finished)), load_bundle(described(tmp_path / "weights"))
+    for part in ("transformer", "refiner"):
+        assert same(getattr(after, part).state_dict(), getattr(before, part).state_dict()), part
+    moved = {n.partition(".")[0] for n, t in after.tokenizer.state_dict().items()
+             if not torch.equal(t, before.tokenizer.state_dict()[n])}  # fmt: skip
+    assert moved == {"decoder"}
+    card = (tmp_path / "weights" / "MODEL_CARD.md").read_text()
+    assert "| transformer | taken over | - |" in card and "| decoder | 4 |" in card
+    assert not (tmp_path / "tokenizer").exists()
+
+
+def test_weights_of_other_networks_are_refused(run: Path, data: Path, tmp_path: Path) -> None:
+    wider = tmp_path / "wider.toml"
+    wider.write_text(TINY.replace("width = 16, depth = 2", "width = 24, depth = 2"))
+    with pytest.raises(UserError, match="hold no tokenizer of this config's networks"):
+        train("decoder", data, wider, tmp_path / "run", weights=run / "weights")
+    with pytest.raises(UserError, match="no weights 'nothing'"):
+        train("decoder", data, wider, tmp_path / "run", weights="nothing")
+
+
 def test_a_text_encoder_that_does_not_fit_is_found_before_anything_is_trained(
     recipe: Path, data: Path, tmp_path: Path
 ) -> None:
