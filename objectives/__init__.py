@@ -2,6 +2,7 @@
 
 from objectives import library as library
 from objectives.aims import Aim as Aim
+from objectives.clips import Clip as Clip, Pose as Pose, read_with as read_with
 from objectives.context import BodyLike as BodyLike, Context as Context, Grounded as Grounded, SceneLike as SceneLike
 from objectives.diagnosis import diagnosis as diagnosis
 from objectives.kernels import Kernel as Kernel, Reduction as Reduction

@@ -6,7 +6,9 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from scenes.errors import UserError
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import Skeleton
 
 
 def root(square: Float[Tensor, "*s"]) -> Float[Tensor, "*s"]:
@@ -91,3 +93,46 @@ def angle_between(
     opposed = (cosine < 0) & (sine < 1e-6)
     about = side / length(side)[..., None].clamp_min(1e-12)
     return torch.where(opposed, torch.atan2((normal * about).sum(-1), cosine).abs(), torch.atan2(sine, cosine))
+
+
+def keyed(
+    values: Float[Tensor, "K *v"], at: list[float], motion: Motion
+) -> tuple[Float[Tensor, "T *v"], Bool[Tensor, "*b T"]]:
+    """A value at the frame nearest to each time (s), and which frames have one; raises UserError for two on one."""
+    frames = frames_near(motion, at)
+    inside = [f for f in frames if f is not None]
+    if len(set(inside)) < len(inside):
+        raise UserError(f"two of the times {at} fall on the same frame; keep them {1 / motion.fps:g} s apart")
+    spread, mask = values.new_zeros(motion.frames, *values.shape[1:]), torch.zeros_like(motion.valid)
+    for frame, value in zip(frames, values, strict=True):
+        if frame is not None:
+            spread[frame] = value
+            mask |= frame_mask(motion, frame)
+    return spread, mask
+
+
+def pelvis_bones(skeleton: Skeleton) -> list[int]:
+    """Joints that hang on the root: the hips and the lower spine, which turn with the pelvis as one piece."""
+    return [joint for joint, parent in enumerate(skeleton.parents) if parent == 0]
+
+
+def pelvis_heading(
+    bodies: Float[Tensor, "*b J 3"], others: Float[Tensor, "*c J 3"], skeleton: Skeleton
+) -> Float[Tensor, "*d 2"]:
+    """Cosine and sine of the turn about +y that brings the pelvis of bodies nearest to that of others.
+
+    The least-squares turn of hips and spine. It is smooth, and defined however the pelvis lies, as long as not one of
+    the two is upside down beside the other.
+    """
+    bones = pelvis_bones(skeleton)
+    (ax, az), (bx, bz) = ((b[..., bones, :] - b[..., :1, :])[..., ::2].unbind(-1) for b in (bodies, others))
+    turn = torch.stack([(bx * ax + bz * az).sum(-1), (bx * az - bz * ax).sum(-1)], dim=-1)
+    return turn / (turn.square().sum(-1, keepdim=True) + 1e-16).sqrt()
+
+
+def turned(vectors: Float[Tensor, "*b 3"], turn: Float[Tensor, "*c 2"]) -> Float[Tensor, "*d 3"]:
+    """Vectors turned about +y by an angle of that cosine and sine."""
+    x, y, z = vectors.unbind(-1)
+    cos, sin = turn.unbind(-1)
+    x, z, y = x * cos + z * sin, z * cos - x * sin, y.expand((x * cos).shape)
+    return torch.stack([x, y, z], dim=-1)

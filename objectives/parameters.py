@@ -105,6 +105,8 @@ def describe(hint: Any) -> str:
     if origin in (list, tuple, Sequence):
         item = describe(inner[0])
         return f"a list of {item.removeprefix('a ')}s" if item.startswith("a ") else f"a list of {item}"
+    if isinstance(hint, type) and hasattr(hint, "IN_WORDS"):
+        return str(hint.IN_WORDS)
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         return f"a table with kind = '{_kind(hint)}'" if _kind(hint) else f"a table with {_either(hint.model_fields)}"
     return getattr(hint, "__name__", str(hint))

@@ -181,7 +181,8 @@ def _array(value: Any) -> Any:
     return value if value is None else np.asarray(value)
 
 
-_Array = Annotated[np.ndarray | None, BeforeValidator(_array), WithJsonSchema({"type": ["array", "null"]})]
+Array = Annotated[np.ndarray | None, BeforeValidator(_array), WithJsonSchema({"type": ["array", "null"]})]
+"""Numbers of any shape, or none."""
 
 
 class ArrayTrack(TrackBase):
@@ -198,8 +199,8 @@ class ArrayTrack(TrackBase):
 
     kind: Literal["array"] = "array"
     file: File | None = None
-    positions: _Array = None
-    mask: _Array = None
+    positions: Array = None
+    mask: Array = None
     fps: Positive = 20.0
     begin: float = 0.0
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from objectives.context import Context
 from objectives.library._joints import Axes, Joints, chosen
-from objectives.maths import frame_mask, frames_near
+from objectives.maths import frame_mask, frames_near, keyed
 from objectives.parameters import FloorPoint, Point
 from objectives.registry import Masked, goal
 from objectives.tracks import Track, TrackBase
@@ -95,15 +95,7 @@ def _places(
         return target[:, None], motion.valid if at is None else _frames(motion, at)
     if at is None or len(at) != len(places):
         raise UserError(f"{len(places)} positions need as many times in 'at', not {0 if at is None else len(at)}")
-    frames = frames_near(motion, at)
-    inside = [f for f in frames if f is not None]
-    if len(set(inside)) < len(inside):
-        raise UserError(f"two of the times {at} fall on the same frame; keep them {1 / motion.fps:g} s apart")
-    target = motion.joints.new_zeros(motion.frames, 3)
-    for frame, place in zip(frames, places, strict=True):
-        if frame is not None:
-            target[frame] = target.new_tensor(place)
-    return target[:, None], _frames(motion, at)
+    return keyed(motion.joints.new_tensor(places)[:, None], at, motion)
 
 
 def _point(place: object) -> tuple[float, float, float]:

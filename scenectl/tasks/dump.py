@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
+from torch import Tensor
 
-from objectives import Term
+from objectives import Clip, Term
 from scenes.mesh.mesh import Mesh
 from scenes.mesh.primitives import PRIMITIVES, Primitive
 from scenes.motion.frames import HOME
+from scenes.motion.motion import Motion
 from scenes.sdf.bake import Bake
 from scenes.sdf.grid import SdfGrid
 from scenes.world.moving import MovingObject
@@ -65,12 +67,14 @@ def term_table(term: Term) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """JSON values: models as tables, arrays as lists, paths as text."""
+    """JSON values: models and motions as tables, arrays as lists, paths as text."""
     if isinstance(value, BaseModel):
         return plain({name: getattr(value, name) for name in type(value).model_fields})
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items() if item is not None}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, Motion):
+        return plain(Clip.model_validate(value))
+    if isinstance(value, np.ndarray | Tensor):
         return value.tolist()
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]

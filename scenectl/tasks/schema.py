@@ -15,8 +15,9 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
-from objectives import Term
+from objectives import Term, read_with
 from scenectl.control.settings import GuidanceSettings, SolverSettings
+from scenectl.data.formats.motions import load_motion
 from scenectl.generators.registry import DEFAULT, Family, find
 from scenectl.generators.weights import bundled_weights
 from scenectl.tasks.dump import plain, scene_table, term_table
@@ -51,6 +52,8 @@ GROUND: dict[str, Any] = {"weight": 100.0, "kernel": "squared", "reduction": "su
 Given = TypeVar("Given")
 Made = TypeVar("Made")
 AnyTask = TypeVar("AnyTask", bound="TaskTable")
+
+read_with(load_motion)  # clips that goals name may be anybody's
 
 
 class _Table(Table):

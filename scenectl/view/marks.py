@@ -96,5 +96,5 @@ def draw_mark(
     else:
         a, b = (points, points) if mark.shape == "ball" else (points[:1], points[1:2])
         hull = capsules(a, b, np.full((len(a), 2), radius))
-        opacity = share * (0.5 if mark.role == "obstacle" else 0.85 if mark.shape == "ball" else 1.0)
+        opacity = share * (0.85 if mark.role == "goal" and mark.shape == "ball" else 0.5)
         stage.add_mesh(hull, color=colour, opacity=opacity, name=name, **ROUND)

@@ -83,6 +83,12 @@ def wandering(*batch: int, frames: int = 9, seed: int = 0, t0: float = 0.0) -> M
     return Motion(joints + steps[..., None] * joints.new_tensor([0.5, 0.1, 1.0]), t0=t0)
 
 
+def recorded(frames: int = 9, seed: int = 5) -> list[Any]:
+    """Positions ``[T, 22, 3]`` of another person who walks and trembles, turned to the side, as plain numbers."""
+    joints = wandering(frames=frames, seed=seed).joints
+    return (joints[..., [2, 1, 0]] * joints.new_tensor([1.0, 1.0, -1.0])).tolist()
+
+
 Example = Callable[[float], dict[str, Any]]
 """Parameters (and `at`, `window`) of a term whose stated times are all shifted by so many seconds."""
 
@@ -188,6 +194,26 @@ EXAMPLES: dict[str, list[Example]] = {
         lambda s: {"limit": 0.02, "joints": ["pelvis", "left_foot"], "axes": "xz"},
     ],
     "smoothness": [lambda s: {"limit": 5.0, "joints": ["head", "left_wrist"]}],
+    "pose": [
+        lambda s: {"pose": recorded(1)[0], "at": 0.2 + s},
+        lambda s: {"pose": recorded(2), "at": [0.1 + s, 0.35 + s], "frame": "world", "within": 0.05},
+        lambda s: {"pose": recorded(1)[0], "joints": ["left_wrist", "head"], "window": [0.1 + s, 0.3 + s]},
+    ],
+    "like": [
+        lambda s: {"clip": {"positions": recorded(7)}, "begin": 0.1 + s},
+        lambda s: {"clip": {"positions": recorded(4), "fps": 8}, "begin": s, "joints": "right_foot", "frame": "world"},
+        lambda s: {"clip": {"positions": recorded(7), "fps": 24}, "timing": "free", "begin": 0.05 + s, "within": 0.02},
+        lambda s: {
+            "clip": {"positions": recorded(12)},
+            "frame": "world",
+            "timing": "free",
+            "begin": s,
+            "end": 0.4 + s,
+            "position": [0.3, 0.2],
+            "heading": 1.0,
+            "clear": 0.1,
+        },
+    ],
     "joint_limits": [lambda s: {"knee": 0.1, "elbow": 0.1, "backwards": 0.05}],
 }
 
@@ -212,4 +238,6 @@ SATISFIED: dict[str, dict[str, Any]] = {
     "speed_limit": {"limit": 0.0},
     "smoothness": {"limit": 0.0},
     "joint_limits": {"knee": 0.5},
+    "pose": {"pose": standing(1)[0].tolist(), "within": 1e-6},
+    "like": {"clip": {"positions": standing(9).tolist()}, "within": 1e-6},
 }

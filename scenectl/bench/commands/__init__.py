@@ -7,7 +7,7 @@ import typer
 from scenectl.console.lazy import group
 
 BENCHES = (
-    "rooms", "keyframes", "facing", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query",
+    "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query",
     "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices", "thresholds",
     "limits", "verdict", "memory", "skeletons", "rotations",
 )  # fmt: skip
