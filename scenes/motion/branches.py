@@ -72,7 +72,7 @@ def _branch(skeleton: Skeleton, joint: int, ends: list[int]) -> Branch | None:
     offsets = torch.tensor([skeleton.offsets[end] for end in ends], dtype=torch.float64)
     shares = offsets[:, :2].T
     across, up = shares @ offsets
-    if float(torch.linalg.cross(across, up).norm()) < SHORTEST**2 * float(offsets.norm()) ** 2:
+    if float(torch.linalg.cross(across, up).norm()) <= SHORTEST**2 * float(offsets.norm()) ** 2:
         return None
     rest = axes(across, up)
     return Branch(joint, [end - 1 for end in ends], offsets.tolist(), shares.tolist(), rest.tolist())

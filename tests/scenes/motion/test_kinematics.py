@@ -109,7 +109,7 @@ def test_the_gradient_is_the_functions() -> None:
 def test_rotations_known_come_back_but_for_what_joints_leave_open() -> None:
     truth, motion = animated(400, seed=3)
     wrong = torch.rad2deg(angle(truth.mT @ orientations(motion))).median(dim=0).values
-    for name, most in {"pelvis": 0.01, "spine3": 0.01, "hip": 1.0, "knee": 1.0, "shoulder": 2.0, "elbow": 2.0}.items():
+    for name, most in {"pelvis": 0.01, "spine3": 0.01, "hip": 1.0, "knee": 1.0, "shoulder": 3.0, "elbow": 3.0}.items():
         for joint in (j for j, full in enumerate(HUMANML3D.names) if full.endswith(name)):
             assert wrong[joint] < most, HUMANML3D.names[joint]
 
@@ -135,6 +135,13 @@ def test_nothing_flips_while_a_limb_goes_straight_and_bends_elsewhere(
     motion = limb(least + 0.8 * way.square(), plane, part=part)
     upper = HUMANML3D.index("left_hip" if part == "leg" else "left_shoulder")
     turned = orientations(motion)[:, upper]
+    assert torch.rad2deg(angle(turned[1:].mT @ turned[:-1])).max() < 30
+
+
+@pytest.mark.parametrize("part", ["leg", "arm"])
+def test_nothing_flips_while_a_limb_folds_beyond_what_a_person_can(part: str) -> None:
+    motion = limb(torch.linspace(0.5, math.pi + 0.2, 41).double(), torch.full((41,), 0.4).double(), part=part)
+    turned = orientations(motion)
     assert torch.rad2deg(angle(turned[1:].mT @ turned[:-1])).max() < 30
 
 
