@@ -35,9 +35,10 @@ def conditions_of(
     joints, what does (towards a place, against another joint) is left out. A target of a body with a `figure` stands
     where the generator's own has it: exact for one of the same proportions, otherwise as near as limbs differ.
     """
-    targets = targets_of(objective, context, start, seconds, spec)
-    placed = ((*told, where if figure is None else figure.back(where)) for *told, where in targets)
-    stated = [("positions", *target) for target in placed]
+    stated = [
+        ("positions", term, joint, when, where if figure is None else figure.back(where))
+        for term, joint, when, where in targets_of(objective, context, start, seconds, spec)
+    ]
     stated += _aims_of(objective, context, start, seconds, spec)
     stated = [one for one in stated if one[1].sometime is None and one[2] in spec.skeleton.names]
     times = [when for *_, when, _ in stated]

@@ -7,9 +7,9 @@ import typer
 from scenectl.console.lazy import group
 
 BENCHES = (
-    "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit", "query",
-    "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices", "thresholds",
-    "limits", "verdict", "memory", "skeletons", "rotations",
+    "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit",
+    "query", "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices",
+    "thresholds", "limits", "verdict", "memory", "skeletons", "rotations",
 )  # fmt: skip
 
 app = typer.Typer(
