@@ -92,7 +92,7 @@ def bring(setting: Setting, found: Solution) -> Solution:
     some = replace(motion, joints=motion.joints[missed], valid=motion.valid[missed])
     settings = setting.solver.model_copy(update={"name": "auto", "step": None, "enough": None, "lead": 0})
     after = some
-    for time, limbs in ((limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)):
+    for time, limbs in ((2 * limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)):
         step = MappedStep(replace(SmoothStep.of(after, limits), time=time, limbs=limbs), rigid)
         joints = Setting(step, objective, context, settings, setting.count, limits)
         after = joints.motion(joints.solve(objective))
