@@ -53,7 +53,7 @@ def _choices(word: str) -> list[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """With a room, a home and a cart, as the README has files of its reader."""
+    """With a room, a home, a cart and a clip, as the README has files of its reader."""
     import trimesh
 
     room = trimesh.creation.box(bounds=[[-3, -3, 0], [3, 3, 2.5]])  # z up
@@ -65,6 +65,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     home.export(tmp_path / "home.glb")
     shutil.copy(ROOT / "examples" / "tasks" / "cart.glb", tmp_path)
     monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "examples" / "clips" / "wave.bvh", tmp_path)
     return tmp_path
 
 
