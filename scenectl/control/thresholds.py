@@ -13,6 +13,7 @@ BODY = "scenectl bench implausible"
 WALLS = "scenectl bench rooms"
 TARGETS = "scenectl bench keyframes"
 SOLVER = "scenectl bench control"
+POSES = "scenectl bench pose_goals"
 NOCEDAL = "Nocedal and Wright, Numerical Optimization, chapters 3 and 7"
 
 
@@ -52,6 +53,11 @@ class Thresholds:
     polish_steps: int = _entry(20, "steps", "at most, of polishing", TARGETS)
     spread_time: float = _entry(0.15, "s", "standard deviation over time of a smooth move", TARGETS)
     spread_bones: float = _entry(3.0, "bones", "length along the limbs over which it falls to 1/e", TARGETS)
+    body_joints: int = _entry(
+        3, "", "joints that a goal asks for at once from which bodies are brought in joints", POSES
+    )
+    fine_time: float = _entry(0.05, "s", "standard deviation over time of their last move", POSES)
+    fine_bones: float = _entry(1.0, "bones", "length along the limbs over which it falls to 1/e", POSES)
     # Free starts.
     headings: int = _entry(8, "", "directions that are tried for a start that is solved for", TARGETS)
     heading_steps: int = _entry(4, "steps", "at most, of the search from each of them", TARGETS)

@@ -12,13 +12,14 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from objectives import Objective
+from objectives import Context, Objective
 from scenectl.control.refine.body_costs import approach, finish, leads, walk_costs
 from scenectl.control.refine.polish import SmoothStep, kept, polishing
 from scenectl.control.refine.setting import Setting
 from scenectl.control.rise import Rise
 from scenectl.control.solvers.problem import Solution
 from scenectl.generators.steps import MappedStep
+from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
 
 Stage = Callable[[Setting, Solution], Solution]
@@ -28,7 +29,7 @@ def solved(setting: Setting) -> Solution:
     """The values that meet goals best (Eq. 12), through every stage that the settings ask for."""
     found = search(setting)
     stages: list[Stage] = [relieve] if setting.solver.natural else []
-    stages += [polish] if setting.solver.polish else []
+    stages += [bring, polish] if setting.solver.polish else []
     for stage in stages:
         found = stage(setting, found)
     return found.settled(setting.objective.met(setting.motion(found), setting.context))
@@ -78,6 +79,36 @@ def relieve(setting: Setting, found: Solution) -> Solution:
     return found.merged(alone, samples, ~body.off_ground(setting.motion(alone), context), "lifted")
 
 
+def bring(setting: Setting, found: Solution) -> Solution:
+    """Samples that are off a body that goals ask for joint by joint, in joints: at first smoothly, then finely.
+
+    Such goals leave nothing to the decoder but what lies between, and it comes no nearer than it reconstructs. A move
+    is kept only where it meets all goals.
+    """
+    motion, objective, context, limits = setting.motion(found), setting.objective, setting.context, setting.thresholds
+    missed = (~objective.met(motion, context)).nonzero()[:, 0]
+    if not len(missed) or not _asks_for_bodies(objective, motion, context, limits.body_joints):
+        return found
+    some = replace(motion, joints=motion.joints[missed], valid=motion.valid[missed])
+    settings = setting.solver.model_copy(update={"name": "auto", "step": None, "enough": None, "lead": 0})
+    after = some
+    for time, limbs in ((2 * limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)):
+        step = MappedStep(replace(SmoothStep.of(after, limits), time=time, limbs=limbs), rigid)
+        joints = Setting(step, objective, context, settings, setting.count, limits)
+        after = joints.motion(joints.solve(objective))
+    moves = torch.zeros_like(motion.joints)
+    good = objective.met(after, context)
+    moves[missed[good]] = (after.joints - some.joints)[good]
+    return replace(found, moves=moves)
+
+
+def _asks_for_bodies(objective: Objective, motion: Motion, context: Context, least: int) -> bool:
+    """Whether a goal that pulls asks for so many joints at once."""
+    with torch.no_grad():
+        found = [term.evaluate(motion, context) for term in objective.counted if term.spec.pulls]
+    return any(int(one.mask.sum(-1).max()) >= least for one in found)
+
+
 def polish(setting: Setting, found: Solution) -> Solution:
     """The last centimetre of samples that have no more to go: in joints, or else through the decoder."""
     motion, objective, context = setting.motion(found), setting.objective, setting.context
@@ -97,8 +128,8 @@ def polish(setting: Setting, found: Solution) -> Solution:
         done |= good
         if done.all():
             break
-    whole = torch.zeros_like(motion.joints)
-    whole[near] = moves
+    whole = torch.zeros_like(motion.joints) if found.moves is None else found.moves.clone()
+    whole[near] += moves
     if not done.all():
         found = _finished(setting.of(near[~done]), found, near[~done])
     return replace(found, moves=whole)

@@ -11,6 +11,7 @@ from scenectl.bench.control.control import bench_control
 from scenectl.bench.control.facing import bench_facing
 from scenectl.bench.control.implausible import bench_implausible
 from scenectl.bench.control.keyframes import bench_keyframes
+from scenectl.bench.control.pose_goals import bench_pose_goals
 from scenectl.bench.control.rivals import METHODS, OF_TOKENS
 from scenectl.bench.control.rooms import bench_rooms
 from scenectl.bench.models.generator import bench_generator
@@ -35,6 +36,12 @@ def test_rooms_are_walked_through() -> None:
     result = bench_rooms(TinyGenerator(), tasks=1, samples=1)
     assert result["summary"]["tasks"] == 3 and set(result["summary"]["rejected"]) == set(result["summary"]["by_mesh"])
     assert result["summary"]["reached_rate"] == 1.0  # a statue slides wherever it is asked to
+
+
+def test_poses_are_counted_as_met_where_they_are(data: Path) -> None:
+    (row,) = bench_pose_goals(TinyGenerator(), data, motions=1, clips=0, times=2)["rows"]
+    assert row["goal"] == "pose" and row["mean_error_m"] <= row["worst_error_m"]
+    assert row["met"] == (row["worst_error_m"] <= 0.01)
 
 
 def test_keyframes_are_met(data: Path) -> None:
