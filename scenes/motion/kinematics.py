@@ -44,7 +44,7 @@ _AROUND = 2.0
 """How often the planes of the frames around together count what a frame's own does."""
 _MEMORY = 0.25
 """Seconds over which those frames count e times less. All three by `scenectl bench rotations` over all recorded clips:
-of the settings tried these leave fewest turns of over 30 degrees, thighs and upper arms within 1.5 in the median."""
+of the settings tried these leave fewest turns of over 30 degrees, and upper limbs within 1.5 in the median."""
 
 
 @runtime_checkable
