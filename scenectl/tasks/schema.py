@@ -41,8 +41,8 @@ Resolution: TypeAlias = Annotated[int, Field(ge=8, le=512)]
 Spot: TypeAlias = tuple[float, float] | tuple[float, float, float]
 """A place on the ground: [x, z], or [x, y, z] where y tells storeys apart, world metres."""
 
-AVOID: dict[str, Any] = {"margin": 0.03, "weight": 300.0, "kernel": "squared", "reduction": "sum"}
-"""`sdf_penetration` of a task that does not state its own."""
+AVOID: dict[str, Any] = {"margin": 0.03, "weight": 300.0, "tolerance": 0.01, "kernel": "squared", "reduction": "sum"}
+"""`sdf_penetration` of a task that does not state its own; what the verdict calls a touch (`SHALLOW`) is met."""
 PASSING = 0.08
 """Metres that a walk keeps from the scene where things move in it: frames at 20 a second are 12 cm apart where
 a person and a thing meet at 2.4 m/s, and with 3 cm a hand goes through between two of them."""
