@@ -12,8 +12,8 @@ from scenes.motion.skeleton import Skeleton
 
 
 def root(square: Float[Tensor, "*s"]) -> Float[Tensor, "*s"]:
-    """Square root with a zero subgradient at 0, where autograd's own is infinite."""
-    positive = square > 0
+    """Square root with a zero subgradient at 0, and at what rounds to it, where autograd's own is infinite."""
+    positive = square > torch.finfo(square.dtype).tiny
     return torch.where(positive, torch.where(positive, square, 1.0).sqrt(), 0.0)
 
 
@@ -92,7 +92,8 @@ def angle_between(
     sine = root(normal.square().sum(-1) + 1 - (size_a * size_b).square())
     opposed = (cosine < 0) & (sine < 1e-6)
     about = side / length(side)[..., None].clamp_min(1e-12)
-    return torch.where(opposed, torch.atan2((normal * about).sum(-1), cosine).abs(), torch.atan2(sine, cosine))
+    turned = torch.where(opposed, (normal * about).sum(-1), 0.0), torch.where(opposed, cosine, 1.0)
+    return torch.where(opposed, torch.atan2(*turned).abs(), torch.atan2(sine, cosine))
 
 
 def keyed(

@@ -12,16 +12,14 @@ from scenectl.generators.base import Draft, Guide, Price, Progress
 from scenectl.generators.conditions import Conditions
 from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import Spec, check_request
+from scenes.motion.bones import standing_pose
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
 
 
 def statue() -> Float[Tensor, "22 3"]:
     """A person at rest, lowest joint at y = 0."""
-    joints = torch.zeros(22, 3)
-    for j, parent in enumerate(HUMANML3D.parents):
-        joints[j] = (joints[parent] if parent >= 0 else 0.0) + torch.tensor(HUMANML3D.offsets[j])
-    joints[[10, 11], 1] -= 0.047
+    joints = standing_pose(HUMANML3D).float()
     joints[:, 1] -= joints[:, 1].min()
     return joints
 

@@ -35,7 +35,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_rooms_are_walked_through() -> None:
     result = bench_rooms(TinyGenerator(), tasks=1, samples=1)
     assert result["summary"]["tasks"] == 3 and set(result["summary"]["rejected"]) == set(result["summary"]["by_mesh"])
-    assert result["summary"]["reached_rate"] == 1.0  # a statue slides wherever it is asked to
+    assert all(row["missed_m"] < 0.25 for row in result["rows"])  # a statue slides there, as far as sliding may cost
 
 
 def test_poses_are_counted_as_met_where_they_are(data: Path) -> None:

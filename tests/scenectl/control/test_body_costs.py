@@ -28,9 +28,9 @@ def test_turning_leads_nobody_along_a_way() -> None:
     motion = Motion(standing(40, 1).float())
     assert not leads(Objective((turned,)), motion, CONTEXT)
     assert leads(Objective((turned, path)), motion, CONTEXT)
-    held = BodyCosts.beside(motion, Objective((turned, HEAD.terms[0])), CONTEXT).objective.terms
-    assert (held[0].kernel, held[0].delta) == ("huber", 100 * THRESHOLDS.held)
-    assert held[1].delta == THRESHOLDS.held
+    fading = BodyCosts.beside(motion, Objective((turned, HEAD.terms[0])), CONTEXT).objective.terms
+    assert (fading[0].kernel, fading[0].delta) == ("geman_mcclure", 100 * THRESHOLDS.far)
+    assert fading[1].delta == THRESHOLDS.far
 
 
 def controlled(

@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 from scenectl.generators.steps import DecodedStep
 from scenectl.pipeline.parts import CONTEXT, PartStep, Window, windows_over
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
 from tests.scenectl.small import walk
 
 LENGTH = 196
@@ -56,10 +57,11 @@ def test_a_step_of_a_part_is_one_of_the_whole() -> None:
     whole, inside = Motion(walk(50)), torch.zeros(20, dtype=torch.bool)
     inside[5:15] = True
     window = Window(10, 30, inside, inside)
-    inner = DecodedStep(torch.randn(2, 20, 22, 3), lambda value: Motion(value * 2))
+    base = rigid(Motion(walk(20))).joints
+    inner = DecodedStep(torch.randn(2, 20, 1, 3), lambda value: Motion(base + 2 * value))  # bones stay as they are
     step = PartStep(inner, whole, window)
     seen = step.motion.joints
-    torch.testing.assert_close(seen[:, 15:25], 2 * inner.value[:, 5:15])
+    torch.testing.assert_close(seen[:, 15:25], (base + 2 * inner.value)[:, 5:15])
     torch.testing.assert_close(seen[:, 25:], whole.joints[25:].expand(2, -1, -1, -1))
     tangent, cotangent = torch.randn_like(inner.value), torch.randn_like(seen)
     pushed, pulled = step.jvp(tangent), step.vjp(cotangent)

@@ -42,7 +42,7 @@ def test_every_method_has_a_row_beside_the_free_sample(
     assert free["passes"] == 0 and free["moved_m"] == 0.0
     assert all(row["passes"] > 0 and row["refine_seconds"] > 0 for row in controlled)
     lbfgs, paper = controlled[-2], controlled[0]  # ours keeps to a body, and random networks have none
-    assert lbfgs["average_error_m"] < min(paper["average_error_m"], 0.5 * free["average_error_m"])
+    assert lbfgs["average_error_m"] < min(paper["average_error_m"], 0.7 * free["average_error_m"])
     assert summary["motions"] == 2 and summary["paper_over_scenectl_passes"] > 0
     assert summary["scenectl_average_error_m_at_2"] == controlled[-1]["average_error_m"]
     assert all(row["deepest_penetration_m"] == 0.0 for row in rows)

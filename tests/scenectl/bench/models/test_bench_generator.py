@@ -26,7 +26,7 @@ KEYS = {
     "reconstruction_error_m", "reconstruction_error_other_m", "code_use", "skating_ratio", "skating_ratio_real",
     "max_acceleration_m_per_frame2", "max_acceleration_real_m_per_frame2", "fid", "fid_reconstruction",
     "fid_random_tokens", "r_precision_top3", "r_precision_top3_real", "label_recall", "label_recall_real",
-    "posterior_kl", "root_drift_m", "root_drift_other_m", "worst_kind",
+    "posterior_kl", "root_drift_m", "root_drift_other_m", "worst_kind", "bone_length_drift_m", "limb_ends_moved_m",
 }  # fmt: skip
 
 
@@ -55,6 +55,7 @@ def result(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
 def test_the_summary_has_what_was_asked_for(result: dict[str, Any]) -> None:
     assert set(result["summary"]) == KEYS
     assert result["summary"]["reconstruction_error_other_m"] > 0
+    assert result["summary"]["bone_length_drift_m"] < 1e-4 < result["summary"]["limb_ends_moved_m"]
     assert 0 < result["summary"]["code_use"] <= 1
     json.dumps(result)  # nothing in it that JSON has no word for
 
