@@ -14,7 +14,7 @@ from torch import Tensor
 from objectives.aims import Aim
 from objectives.context import Context
 from objectives.maths import angle_between, beyond, length, softened
-from objectives.parameters import FloorPoint, Point
+from objectives.parameters import FloorPoint, Point, check_heading
 from objectives.registry import Masked, goal
 from objectives.tracks import Track, TrackBase
 from scenes.errors import UserError
@@ -217,16 +217,13 @@ def _wanted(
         place = origin.new_tensor([position.x, 0.0, position.z])
         return (place - origin) * origin.new_tensor([1.0, 0.0, 1.0]), None
     if heading is not None:
-        if abs(heading) > 2 * math.pi:
-            raise UserError(
-                f"'heading' is in radians, and {heading:g} is more than a turn; "
-                f"{heading:g} degrees are {math.radians(heading):.4g}"
-            )
+        check_heading(heading)
         return rotation_about_y(origin.new_tensor(heading))[:, 2].expand(origin.shape), None
     assert direction is not None
     if not any(direction):
         raise UserError(f"'direction' {list(direction)} has no length and so points nowhere")
-    return (origin.new_tensor(direction) / math.hypot(*direction)).expand(origin.shape), None
+    size = math.hypot(*direction)
+    return origin.new_tensor([value / size for value in direction]).expand(origin.shape), None
 
 
 def _unit(vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
@@ -266,13 +263,17 @@ def _check_hinge(joint: str, rotation: Float[Tensor, "3 3"]) -> None:
         return
     along = torch.tensor(axis, dtype=torch.float64)
     turn = _rotation_vector(rotation).rad2deg()
-    aside = float(length(turn - (turn @ along) * along))
+    bend = float(turn @ along)
+    aside = float(length(turn - bend * along))
+    shown = next(("" if value > 0 else "-") + "xyz"[k] for k, value in enumerate(axis) if value)
+    hinge = f"'{joint}' is a hinge that bends about {shown} of its parent alone"
     if aside > _OFF_HINGE:
-        shown = ["xyz"[k] if value > 0 else "-" + "xyz"[k] for k, value in enumerate(axis) if value]
         raise UserError(
-            f"'{joint}' is a hinge that bends about {shown[0]} of its parent alone, and shall turn {aside:.0f} degrees "
-            "about other axes; turn the joint above it, or use bone_direction"
+            f"{hinge}, and shall turn {aside:.0f} degrees about other axes; turn the joint above it, or use "
+            "bone_direction"
         )
+    if bend < -_OFF_HINGE:
+        raise UserError(f"{hinge}, and shall bend {-bend:.0f} degrees the wrong way; change the sign of its angle")
 
 
 def _rotation_vector(rotations: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 3"]:

@@ -20,7 +20,7 @@ from objectives.library._joints import Joints, chosen
 from objectives.library.alignment import aligned
 from objectives.marks import Mark
 from objectives.maths import beyond, keyed, pelvis_heading, turned
-from objectives.parameters import FloorPoint, NotNegative, Positive, Time
+from objectives.parameters import FloorPoint, NotNegative, Positive, Time, check_heading
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
 from scenes.motion.bones import rest_pose
@@ -64,9 +64,11 @@ def pose(
         within: how far joints may be, m.
 
     Raises:
-        UserError: numbers of poses and times that do not match, or no joint but the pelvis relative to itself.
+        UserError: no pose, numbers of poses and times that do not match, or no joint but the pelvis relative to itself.
     """
     poses = pose if isinstance(pose, list) else [pose]
+    if not poses:
+        raise UserError("'pose' is an empty list; state a pose, such as \"clip.bvh#2.4\"")
     bodies = _on_bones(torch.stack([torch.from_numpy(p.joints) for p in poses]).to(motion.joints), motion)
     if at is None:
         if len(poses) != 1:
@@ -124,6 +126,8 @@ def like(
     stated = {"position": position, "heading": heading, "clear": clear}
     if frame == "pelvis" and (idle := [key for key, value in stated.items() if value is not None]):
         raise UserError(f"'{idle[0]}' says something in the world; add frame = \"world\"")
+    if heading is not None:
+        check_heading(heading)
     slack = 1e-3 / motion.fps
     times = motion.times - begin
     active = (times >= -slack) & ((times <= clip.seconds + slack) | (timing == "free"))
