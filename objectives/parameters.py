@@ -76,7 +76,6 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
 
-
 def check_heading(heading: float) -> None:
     """Raise UserError for a heading that is more than a turn, as one in degrees mostly is."""
     if abs(heading) > 2 * math.pi:

@@ -19,6 +19,7 @@ from objectives.registry import Masked, goal
 from objectives.tracks import Track, TrackBase
 from scenes.errors import UserError
 from scenes.motion.bones import rest_pose
+from scenes.motion.branches import tree_of
 from scenes.motion.headings import rotation_about_y
 from scenes.motion.kinematics import HINGES, orientations
 from scenes.motion.motion import Motion
@@ -124,7 +125,8 @@ def bone_direction(
         within: half the angle of the cone around the direction that is as good, deg.
 
     Raises:
-        UserError: none or several of direction, position and track, a frame for a place, or a joint that ends no bone.
+        UserError: none or several of direction, position and track, a frame for a place, a joint that ends no bone, or
+            a bone that is rigid in its frame.
     """
     first, second = _ends(bone, motion.skeleton)
     origin, end = motion.joint(first), motion.joint(second)
@@ -132,6 +134,7 @@ def bone_direction(
         raise UserError(f"frame '{frame}' is for a 'direction'; places are the world's")
     wanted, active = _wanted(origin, motion, position, track, None, direction, "position, track and direction")
     if frame != "world":
+        _check_piece(first, second, PARTS[frame], motion.skeleton)
         wanted = rotated(_turned(motion, PARTS[frame])[..., 0, :, :], wanted)
     angle = angle_between(end - origin, wanted, _SHORTEST, NEAR).rad2deg()
     whole = motion.skeleton.parents[motion.skeleton.index(second)] == motion.skeleton.index(first)
@@ -243,6 +246,20 @@ def _ends(bone: str | list[str], skeleton: Skeleton) -> tuple[str, str]:
         raise UserError(f"'bone' is a joint or two different joints, not {bone}")
     skeleton.indices(bone)
     return bone[0], bone[1]
+
+
+def _check_piece(first: str, second: str, part: str, skeleton: Skeleton) -> None:
+    """Raise UserError for a bone that is one rigid piece with the part in whose frame it is asked for."""
+    joint = skeleton.index(part)
+    piece = {
+        joint,
+        *(bone + 1 for branch in tree_of(skeleton).branches if branch.joint == joint for bone in branch.bones),
+    }
+    if piece.issuperset(skeleton.indices([first, second])):
+        raise UserError(
+            f"the bone from '{first}' to '{second}' is one rigid piece with '{part}' and points one way in its frame; "
+            "ask in the world, or for another bone"
+        )
 
 
 def _rotation(quaternion: tuple[float, float, float, float] | None, euler: Vector | None) -> Float[Tensor, "3 3"]:

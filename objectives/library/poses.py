@@ -19,11 +19,12 @@ from objectives.context import Context
 from objectives.library._joints import Joints, chosen
 from objectives.library.alignment import aligned
 from objectives.marks import Mark
-from objectives.maths import beyond, keyed, pelvis_heading, turned
+from objectives.maths import beyond, keyed, pelvis_heading
 from objectives.parameters import FloorPoint, NotNegative, Positive, Time, check_heading
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
 from scenes.motion.bones import rest_pose
+from scenes.motion.headings import turned, turned_by
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import on_bones
 from scenes.motion.skeleton import FEET, HUMANML3D
@@ -199,9 +200,8 @@ def _on_bones(joints: Float[Tensor, "*b 22 3"], motion: Motion) -> Float[Tensor,
 def carried(bodies: Float[Tensor, "*w T J 3"], motion: Motion) -> Float[Tensor, "*b T J 3"]:
     """Bodies (m) moved and turned about the vertical so that each has the pelvis of the motion's."""
     root = motion.joints[..., :1, :]
-    return root + turned(
-        bodies - bodies[..., :1, :], pelvis_heading(bodies, motion.joints, motion.skeleton)[..., None, :]
-    )
+    turn = pelvis_heading(bodies, motion.joints, motion.skeleton)[..., None, :]
+    return root + turned_by(bodies - bodies[..., :1, :], *turn.unbind(-1))
 
 
 def _placed(
@@ -212,9 +212,8 @@ def _placed(
     there = root if position is None else root.new_tensor([position.x, 0.0, position.z])
     if heading is None:
         return bodies - root + there
-    turn = first.new_tensor([math.cos(heading), math.sin(heading)])
     facing = pelvis_heading(first, rest_pose(HUMANML3D).to(first), HUMANML3D)
-    return turned(turned(bodies - root, facing), turn) + there
+    return turned(turned_by(bodies - root, *facing.unbind(-1)), first.new_tensor(heading)) + there
 
 
 @torch.no_grad()

@@ -205,6 +205,12 @@ def test_hinges_bend_about_their_axes(joint: str, euler: tuple[float, float, flo
         ("joint_rotation", {"joint": "left_wrist", "euler": [0, 0, 0]}, "'left_wrist' ends a limb.*: pelvis, left_hip"),
         ("joint_rotation", {"joint": "pelvis"}, "needs either 'quaternion' or 'euler'"),
         ("joint_rotation", {"joint": "pelvis", "quaternion": [1, 1, 0, 0]}, "has a length of 1.41; give w, x, y, z"),
+        (
+            "bone_direction",
+            {"bone": "left_hip", "direction": [0, 0, 1], "frame": "pelvis"},
+            "one rigid piece with 'pel",
+        ),
+        ("bone_direction", {"bone": ["neck", "left_collar"], "direction": [0, 0, 1], "frame": "chest"}, "'spine3'"),
         ("joint_rotation", {"joint": "left_knee", "euler": [-90, 0, 0]}, "about x .* bend 90 degrees the wrong way"),
         ("joint_rotation", {"joint": "left_elbow", "euler": [0, 60, 0]}, "about -y .* bend 60 degrees the wrong way"),
         ("joint_rotation", {"joint": "left_elbow", "euler": [0, 0, 90]}, "a hinge that bends about -y of its parent"),
