@@ -129,11 +129,3 @@ def pelvis_heading(
     (ax, az), (bx, bz) = ((b[..., bones, :] - b[..., :1, :])[..., ::2].unbind(-1) for b in (bodies, others))
     turn = torch.stack([(bx * ax + bz * az).sum(-1), (bx * az - bz * ax).sum(-1)], dim=-1)
     return turn / (turn.square().sum(-1, keepdim=True) + 1e-16).sqrt()
-
-
-def turned(vectors: Float[Tensor, "*b 3"], turn: Float[Tensor, "*c 2"]) -> Float[Tensor, "*d 3"]:
-    """Vectors turned about +y by an angle of that cosine and sine."""
-    x, y, z = vectors.unbind(-1)
-    cos, sin = turn.unbind(-1)
-    x, z, y = x * cos + z * sin, z * cos - x * sin, y.expand((x * cos).shape)
-    return torch.stack([x, y, z], dim=-1)

@@ -75,6 +75,16 @@ Window = Annotated[tuple[float, float], "s, task clock"]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
+
+def check_heading(heading: float) -> None:
+    """Raise UserError for a heading that is more than a turn, as one in degrees mostly is."""
+    if abs(heading) > 2 * math.pi:
+        raise UserError(
+            f"'heading' is in radians, and {heading:g} is more than a turn; {heading:g} degrees are "
+            f"{math.radians(heading):.4g}"
+        )
+
+
 _WORDS: dict[Any, str] = {
     float: "a number",
     int: "a whole number",

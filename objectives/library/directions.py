@@ -14,11 +14,12 @@ from torch import Tensor
 from objectives.aims import Aim
 from objectives.context import Context
 from objectives.maths import angle_between, beyond, length, softened
-from objectives.parameters import FloorPoint, Point
+from objectives.parameters import FloorPoint, Point, check_heading
 from objectives.registry import Masked, goal
 from objectives.tracks import Track, TrackBase
 from scenes.errors import UserError
 from scenes.motion.bones import rest_pose
+from scenes.motion.branches import tree_of
 from scenes.motion.headings import rotation_about_y
 from scenes.motion.kinematics import HINGES, orientations
 from scenes.motion.motion import Motion
@@ -124,7 +125,8 @@ def bone_direction(
         within: half the angle of the cone around the direction that is as good, deg.
 
     Raises:
-        UserError: none or several of direction, position and track, a frame for a place, or a joint that ends no bone.
+        UserError: none or several of direction, position and track, a frame for a place, a joint that ends no bone, or
+            a bone that is rigid in its frame.
     """
     first, second = _ends(bone, motion.skeleton)
     origin, end = motion.joint(first), motion.joint(second)
@@ -132,6 +134,7 @@ def bone_direction(
         raise UserError(f"frame '{frame}' is for a 'direction'; places are the world's")
     wanted, active = _wanted(origin, motion, position, track, None, direction, "position, track and direction")
     if frame != "world":
+        _check_piece(first, second, PARTS[frame], motion.skeleton)
         wanted = rotated(_turned(motion, PARTS[frame])[..., 0, :, :], wanted)
     angle = angle_between(end - origin, wanted, _SHORTEST, NEAR).rad2deg()
     whole = motion.skeleton.parents[motion.skeleton.index(second)] == motion.skeleton.index(first)
@@ -217,16 +220,13 @@ def _wanted(
         place = origin.new_tensor([position.x, 0.0, position.z])
         return (place - origin) * origin.new_tensor([1.0, 0.0, 1.0]), None
     if heading is not None:
-        if abs(heading) > 2 * math.pi:
-            raise UserError(
-                f"'heading' is in radians, and {heading:g} is more than a turn; "
-                f"{heading:g} degrees are {math.radians(heading):.4g}"
-            )
+        check_heading(heading)
         return rotation_about_y(origin.new_tensor(heading))[:, 2].expand(origin.shape), None
     assert direction is not None
     if not any(direction):
         raise UserError(f"'direction' {list(direction)} has no length and so points nowhere")
-    return (origin.new_tensor(direction) / math.hypot(*direction)).expand(origin.shape), None
+    size = math.hypot(*direction)
+    return origin.new_tensor([value / size for value in direction]).expand(origin.shape), None
 
 
 def _unit(vectors: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
@@ -248,6 +248,20 @@ def _ends(bone: str | list[str], skeleton: Skeleton) -> tuple[str, str]:
     return bone[0], bone[1]
 
 
+def _check_piece(first: str, second: str, part: str, skeleton: Skeleton) -> None:
+    """Raise UserError for a bone that is one rigid piece with the part in whose frame it is asked for."""
+    joint = skeleton.index(part)
+    piece = {
+        joint,
+        *(bone + 1 for branch in tree_of(skeleton).branches if branch.joint == joint for bone in branch.bones),
+    }
+    if piece.issuperset(skeleton.indices([first, second])):
+        raise UserError(
+            f"the bone from '{first}' to '{second}' is one rigid piece with '{part}' and points one way in its frame; "
+            "ask in the world, or for another bone"
+        )
+
+
 def _rotation(quaternion: tuple[float, float, float, float] | None, euler: Vector | None) -> Float[Tensor, "3 3"]:
     if (quaternion is None) == (euler is None):
         raise UserError("needs either 'quaternion' or 'euler'")
@@ -266,13 +280,17 @@ def _check_hinge(joint: str, rotation: Float[Tensor, "3 3"]) -> None:
         return
     along = torch.tensor(axis, dtype=torch.float64)
     turn = _rotation_vector(rotation).rad2deg()
-    aside = float(length(turn - (turn @ along) * along))
+    bend = float(turn @ along)
+    aside = float(length(turn - bend * along))
+    shown = next(("" if value > 0 else "-") + "xyz"[k] for k, value in enumerate(axis) if value)
+    hinge = f"'{joint}' is a hinge that bends about {shown} of its parent alone"
     if aside > _OFF_HINGE:
-        shown = ["xyz"[k] if value > 0 else "-" + "xyz"[k] for k, value in enumerate(axis) if value]
         raise UserError(
-            f"'{joint}' is a hinge that bends about {shown[0]} of its parent alone, and shall turn {aside:.0f} degrees "
-            "about other axes; turn the joint above it, or use bone_direction"
+            f"{hinge}, and shall turn {aside:.0f} degrees about other axes; turn the joint above it, or use "
+            "bone_direction"
         )
+    if bend < -_OFF_HINGE:
+        raise UserError(f"{hinge}, and shall bend {-bend:.0f} degrees the wrong way; change the sign of its angle")
 
 
 def _rotation_vector(rotations: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 3"]:

@@ -19,11 +19,12 @@ from objectives.context import Context
 from objectives.library._joints import Joints, chosen
 from objectives.library.alignment import aligned
 from objectives.marks import Mark
-from objectives.maths import beyond, keyed, pelvis_heading, turned
-from objectives.parameters import FloorPoint, NotNegative, Positive, Time
+from objectives.maths import beyond, keyed, pelvis_heading
+from objectives.parameters import FloorPoint, NotNegative, Positive, Time, check_heading
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
 from scenes.motion.bones import rest_pose
+from scenes.motion.headings import turned, turned_by
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import on_bones
 from scenes.motion.skeleton import FEET, HUMANML3D
@@ -64,9 +65,11 @@ def pose(
         within: how far joints may be, m.
 
     Raises:
-        UserError: numbers of poses and times that do not match, or no joint but the pelvis relative to itself.
+        UserError: no pose, numbers of poses and times that do not match, or no joint but the pelvis relative to itself.
     """
     poses = pose if isinstance(pose, list) else [pose]
+    if not poses:
+        raise UserError("'pose' is an empty list; state a pose, such as \"clip.bvh#2.4\"")
     bodies = _on_bones(torch.stack([torch.from_numpy(p.joints) for p in poses]).to(motion.joints), motion)
     if at is None:
         if len(poses) != 1:
@@ -124,6 +127,8 @@ def like(
     stated = {"position": position, "heading": heading, "clear": clear}
     if frame == "pelvis" and (idle := [key for key, value in stated.items() if value is not None]):
         raise UserError(f"'{idle[0]}' says something in the world; add frame = \"world\"")
+    if heading is not None:
+        check_heading(heading)
     slack = 1e-3 / motion.fps
     times = motion.times - begin
     active = (times >= -slack) & ((times <= clip.seconds + slack) | (timing == "free"))
@@ -195,9 +200,8 @@ def _on_bones(joints: Float[Tensor, "*b 22 3"], motion: Motion) -> Float[Tensor,
 def carried(bodies: Float[Tensor, "*w T J 3"], motion: Motion) -> Float[Tensor, "*b T J 3"]:
     """Bodies (m) moved and turned about the vertical so that each has the pelvis of the motion's."""
     root = motion.joints[..., :1, :]
-    return root + turned(
-        bodies - bodies[..., :1, :], pelvis_heading(bodies, motion.joints, motion.skeleton)[..., None, :]
-    )
+    turn = pelvis_heading(bodies, motion.joints, motion.skeleton)[..., None, :]
+    return root + turned_by(bodies - bodies[..., :1, :], *turn.unbind(-1))
 
 
 def _placed(
@@ -208,9 +212,8 @@ def _placed(
     there = root if position is None else root.new_tensor([position.x, 0.0, position.z])
     if heading is None:
         return bodies - root + there
-    turn = first.new_tensor([math.cos(heading), math.sin(heading)])
     facing = pelvis_heading(first, rest_pose(HUMANML3D).to(first), HUMANML3D)
-    return turned(turned(bodies - root, facing), turn) + there
+    return turned(turned_by(bodies - root, *facing.unbind(-1)), first.new_tensor(heading)) + there
 
 
 @torch.no_grad()

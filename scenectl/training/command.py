@@ -57,6 +57,8 @@ def train(
     if text is not None:
         recipe = plan.with_text(recipe, text)
     run = Run(plan, recipe, Path(data), out, iterations, place(device, recipe.precision), weights)
+    if stage in {each.name for each in plan.stages} - run.stages.keys():
+        raise UserError(f"training config '{config}' leaves {stage} out; give it a table [{stage}], or name another")
     names = [*run.stages, "export"] if stage == "all" else [stage]
     is_humanml3d(Path(data))  # a wrong folder or encoder is found now rather than after hours
     if any(run.stages[name].reads_text for name in names if name in run.stages):

@@ -42,7 +42,13 @@ def rotation_about_y(heading: Float[Tensor, "*b"]) -> Float[Tensor, "*b 3 3"]:
 
 def turned(vectors: Float[Tensor, "*d 3"], heading: Float[Tensor, "*c"]) -> Float[Tensor, "*e 3"]:
     """Vectors turned about +y by angles in radians, which broadcast to ``vectors[..., 0]``; +z turns towards +x."""
-    c, s = heading.cos(), heading.sin()
+    return turned_by(vectors, heading.cos(), heading.sin())
+
+
+def turned_by(
+    vectors: Float[Tensor, "*d 3"], cosine: Float[Tensor, "*c"], sine: Float[Tensor, "*c"]
+) -> Float[Tensor, "*e 3"]:
+    """The same, by the cosine and sine of the angle."""
     x, y, z = vectors.unbind(-1)
-    x, y, z = torch.broadcast_tensors(c * x + s * z, y, c * z - s * x)
+    x, y, z = torch.broadcast_tensors(cosine * x + sine * z, y, cosine * z - sine * x)
     return torch.stack([x, y, z], dim=-1)

@@ -16,6 +16,7 @@ from torch import Tensor
 from scenes.archive import load_npz, npz_headers
 from scenes.errors import UserError
 from scenes.files import atomic_write, readable
+from scenes.motion.branches import tree_of, turns
 from scenes.motion.frames import HOME, Place, about_y, back, fine_enough, shifted
 from scenes.motion.kinematics import local_rotations
 from scenes.motion.rates import stride_of
@@ -146,7 +147,8 @@ class Motion:
     def resampled(self, fps: float | int) -> Motion:
         """The same at another rate: frames left out where the rates allow, lines between frames otherwise.
 
-        Bones are as long as the lines between their lengths say: what is rigid stays so.
+        Bones are as long as the lines between their lengths say, and pelvis and chest keep their shape: what is rigid
+        stays so.
 
         The first frame stays; the last is the last that the motion still reaches. Interpolated frames are real where
         both that they lie between are.
@@ -234,15 +236,23 @@ class Motion:
 def _between(
     a: Float[Tensor, "*b T J 3"], b: Float[Tensor, "*b T J 3"], share: Float[Tensor, "T 1 1"], skeleton: Skeleton
 ) -> Float[Tensor, "*b T J 3"]:
-    """Joints a share of the way from a to b: the root along a line, and so the directions and lengths of bones."""
-    joints = torch.lerp(a, b, share)
-    placed = [joints[..., 0, :]]
-    for joint, parent in enumerate(skeleton.parents[1:], 1):
-        bone = joints[..., joint, :] - joints[..., parent, :]
-        first, last = ((side[..., joint, :] - side[..., parent, :]).norm(dim=-1, keepdim=True) for side in (a, b))
-        length = torch.lerp(first, last, share[..., 0])
-        placed.append(placed[parent] + bone * (length / bone.norm(dim=-1, keepdim=True).clamp_min(1e-9)))
-    return torch.stack(placed, dim=-2)
+    """Joints a share of the way from a to b: the root along a line, and so the directions and lengths of bones.
+
+    Bones of a joint that branches turn as one, and the shape that they make goes from that in a to that in b.
+    """
+    tree, root = tree_of(skeleton), torch.lerp(a[..., :1, :], b[..., :1, :], share)
+    first, last = (side[..., 1:, :] - side[..., tree.parents, :] for side in (a, b))
+    bones = torch.lerp(first, last, share)
+    lengths = torch.lerp(first.norm(dim=-1, keepdim=True), last.norm(dim=-1, keepdim=True), share)
+    placed = bones * (lengths / bones.norm(dim=-1, keepdim=True).clamp_min(1e-9))
+    for branch in tree.branches:
+        own, before, after = (side[..., branch.bones, :] for side in (bones, first, last))
+        shape = torch.lerp(before @ turns(before, branch), after @ turns(after, branch), share)
+        placed[..., branch.bones, :] = shape @ turns(own, branch).mT
+    joints = [root[..., 0, :]]
+    for joint, parent in enumerate(tree.parents):
+        joints.append(joints[parent] + placed[..., joint, :])
+    return torch.stack(joints, dim=-2)
 
 
 FORMAT = 2

@@ -69,7 +69,7 @@ def axes(x: Float[Tensor, "*b 3"], y: Float[Tensor, "*b 3"]) -> Float[Tensor, "*
 
 
 def rotation_between(a: Float[Tensor, "*b 3"], b: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3 3"]:
-    """The smallest rotation that takes direction a to direction b (any half turn where they oppose)."""
+    """The smallest rotation that takes direction a to direction b; any half turn where they oppose."""
     a = a / a.norm(dim=-1, keepdim=True).clamp_min(1e-8)
     b = b / b.norm(dim=-1, keepdim=True).clamp_min(1e-8)
     half = a + b
@@ -77,6 +77,7 @@ def rotation_between(a: Float[Tensor, "*b 3"], b: Float[Tensor, "*b 3"]) -> Floa
     # Opposed directions leave the axis free: any one at right angles to a.
     side = torch.linalg.cross(a, torch.eye(3).to(a)[a.abs().argmin(-1)])
     half = torch.where(length > 1e-6, half / length.clamp_min(1e-6), torch.zeros_like(half))
+    side = side / side.norm(dim=-1, keepdim=True).clamp_min(1e-8)
     w = (a * half).sum(-1, keepdim=True)
-    xyz = torch.where(length > 1e-6, torch.linalg.cross(a, half), side / side.norm(dim=-1, keepdim=True))
+    xyz = torch.where(length > 1e-6, torch.linalg.cross(a, half), side)
     return matrices(torch.cat([w, xyz], dim=-1))

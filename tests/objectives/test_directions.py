@@ -55,6 +55,8 @@ def test_the_residual_is_the_angle_between_headings(turn: float, heading: float,
     apart = math.degrees(abs(math.remainder(turn - heading, 2 * math.pi)))
     assert worst("face", facing(turn), part=part, heading=heading) == pytest.approx(apart, abs=1e-5)
     direction = (3 * math.sin(heading), 5.0, 3 * math.cos(heading))
+    tiny = [1e-290 * value for value in direction]  # a vector of any length
+    assert worst("face", facing(turn), part=part, direction=tiny) == pytest.approx(apart, abs=1e-5)
     assert worst("face", facing(turn), part=part, direction=direction) == pytest.approx(apart, abs=1e-5)
     assert worst("face", facing(turn), part=part, heading=heading, within=20) == pytest.approx(
         max(0, apart - 20), abs=1e-5
@@ -203,6 +205,14 @@ def test_hinges_bend_about_their_axes(joint: str, euler: tuple[float, float, flo
         ("joint_rotation", {"joint": "left_wrist", "euler": [0, 0, 0]}, "'left_wrist' ends a limb.*: pelvis, left_hip"),
         ("joint_rotation", {"joint": "pelvis"}, "needs either 'quaternion' or 'euler'"),
         ("joint_rotation", {"joint": "pelvis", "quaternion": [1, 1, 0, 0]}, "has a length of 1.41; give w, x, y, z"),
+        (
+            "bone_direction",
+            {"bone": "left_hip", "direction": [0, 0, 1], "frame": "pelvis"},
+            "one rigid piece with 'pel",
+        ),
+        ("bone_direction", {"bone": ["neck", "left_collar"], "direction": [0, 0, 1], "frame": "chest"}, "'spine3'"),
+        ("joint_rotation", {"joint": "left_knee", "euler": [-90, 0, 0]}, "about x .* bend 90 degrees the wrong way"),
+        ("joint_rotation", {"joint": "left_elbow", "euler": [0, 60, 0]}, "about -y .* bend 60 degrees the wrong way"),
         ("joint_rotation", {"joint": "left_elbow", "euler": [0, 0, 90]}, "a hinge that bends about -y of its parent"),
         ("joint_rotation", {"joint": "left_knee", "euler": [0, 50, 0]}, "bends about x .* turn 50 degrees about other"),
     ],

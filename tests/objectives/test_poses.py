@@ -269,6 +269,18 @@ def test_what_is_no_clip_is_one_sentence(files: Path, value: Any, said: str) -> 
     assert str(caught.value).startswith("goal 'like': ") and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("use", "table", "said"),
+    [
+        ("pose", {"pose": []}, "'pose' is an empty list"),
+        ("like", {"clip": "clip.npz", "frame": "world", "heading": 90}, "in radians, and 90 is more than a turn"),
+    ],
+)
+def test_what_says_nothing_or_degrees_is_one_sentence(files: Path, use: str, table: dict[str, Any], said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        Term.from_table({"use": use, **table}, files).evaluate(moving(1.0, 20.0), context())
+
+
 def test_data_of_python_are_taken_as_they_are() -> None:
     clip = moving(1.0, 25.0)
     padded = replace(clip, joints=torch.cat([clip.joints, clip.joints[:3] * torch.nan]), valid=torch.arange(29) < 26)

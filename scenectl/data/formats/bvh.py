@@ -22,6 +22,7 @@ from scenes.motion.fitting import skeleton_of
 from scenes.motion.frames import fine_enough
 from scenes.motion.motion import Motion
 from scenes.motion.rates import told
+from scenes.motion.rotations import about
 from scenes.motion.skeleton import HUMANML3D
 from scenes.motion.sound import check_rate
 
@@ -81,7 +82,7 @@ class BvhFile:
                 if channel.endswith("position"):
                     place[:, axis] = column
                 else:
-                    turn = turn @ _about(axis, np.radians(column))
+                    turn = turn @ about(axis, torch.from_numpy(np.radians(column))).numpy()
             places.append(places[parent + 1] + (turns[parent + 1] @ place[..., None])[..., 0])
             turns.append(turn)
         return np.stack(places[1:], axis=1)
@@ -209,12 +210,6 @@ def _spine(file: BvhFile, positions: Float[np.ndarray, "F J 3"], found: dict[str
     at = shares[:3] / shares[3] * ends[-1]
     weights = np.stack([np.interp(at, ends, end) for end in np.eye(len(ends))])
     return np.einsum("fnc,ns->sfc", line, weights)
-
-
-def _about(axis: int, angle: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F 3 3"]:
-    """Rotations about a coordinate axis, radians."""
-    cross, angle = np.cross(np.eye(3)[axis], np.eye(3)).T, angle[:, None, None]
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)  # Rodrigues
 
 
 def read_bvh(path: str | Path) -> BvhFile:

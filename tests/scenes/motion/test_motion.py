@@ -82,6 +82,21 @@ HANGING = np.array([(0, 0, 0) if p < 0 else (0, -length, 0) for p, length in zip
 """Offsets as files had them before format 2: other directions, the same lengths."""
 
 
+@pytest.mark.parametrize("fps", [7.0, 30.0, 60.0])
+def test_rigid_bodies_are_rigid_at_any_rate(fps: float) -> None:
+    joints = rigid(Motion(MOTION.joints.double())).joints
+    there = Motion(joints, fps=20.0).resampled(fps)
+    again = forward(there.rotations, there.joints[..., 0, :], there.skeleton)
+    assert float((again - there.joints).abs().max()) < 1e-5
+
+
+def test_other_bodies_go_from_frame_to_frame_at_any_rate() -> None:
+    between = MOTION.resampled(50.0)
+    torch.testing.assert_close(between.joints[:, ::2], MOTION.joints, rtol=0, atol=1e-5)
+    again = Motion(MOTION.joints.flip(1), fps=25.0).resampled(50.0 + 1e-9)
+    torch.testing.assert_close(again.joints.flip(1), between.joints, rtol=0, atol=1e-5)
+
+
 def test_older_files_rest_in_the_t_pose(tmp_path: Path) -> None:
     tree = {"joint_names": np.array(HUMANML3D.names), "parents": np.array(HUMANML3D.parents)}
     for offsets, wanted in ((HANGING, HUMANML3D.offsets), (1.2 * HANGING, 1.2 * np.array(HUMANML3D.offsets))):

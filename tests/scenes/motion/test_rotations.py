@@ -46,6 +46,12 @@ def test_opposed_directions_are_half_a_turn_apart() -> None:
     torch.testing.assert_close(torch.linalg.det(between), torch.ones(30, dtype=torch.float64))
 
 
+def test_between_no_direction_and_any_there_is_some_rotation() -> None:
+    a, none = unit(4, 3), torch.zeros(4, 3, dtype=torch.float64)
+    for between in (rotation_between(none, a), rotation_between(a, none), rotation_between(none, none)):
+        assert between.isfinite().all()
+
+
 def test_batches_broadcast() -> None:
     m, v = matrices(unit(5, 1, 4)), unit(7, 3)
     assert rotated(m, v).shape == (5, 7, 3)

@@ -258,7 +258,8 @@ def test_a_decoder_of_its_own_leaves_the_tokens_alone(run: Path, recipe: Path, d
     shutil.copytree(run / "tokenizer", tmp_path / "tokenizer")
     plain = tmp_path / "plain.toml"
     plain.write_text(TINY.replace(DECODER, ""))
-    train("decoder", data, plain, tmp_path)  # a recipe without one has nothing to do
+    with pytest.raises(UserError, match=r"plain\.toml' leaves decoder out"):
+        train("decoder", data, plain, tmp_path)
     assert not (tmp_path / "decoder").exists()
     with pytest.raises(UserError, match="holds no trained decoder"):
         train("refiner", data, recipe, tmp_path)
