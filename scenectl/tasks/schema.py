@@ -281,10 +281,11 @@ class TaskTable(_Table):
         walk: where to walk (`Walk`), planned around the obstacles.
         body: { height = 1.6 } for a person so tall (m), 1.2 to 2.1, or the file that `scenectl body CHARACTER --json`
             wrote, for a character with our 22 joints; by default an adult of 1.7.
-        avoid: whether the scene is avoided: where it has a mesh, primitives or objects, the task has the goal
-            `sdf_penetration` with options that work (`AVOID`) and, where it walks ([walk], or `follow_path` of the
-            pelvis), `foot_contact` (`GROUND`). A table states some of the keys of `sdf_penetration` otherwise, such as
-            `exempt`. A goal of the same name replaces either, and has what it does not state from its paper.
+        avoid: whether the scene is avoided: where it has a mesh, primitives or objects, or the task has goals, which
+            may push a body into a bare floor, there is the goal `sdf_penetration` with options that work (`AVOID`)
+            and, where it walks ([walk], or `follow_path` of the pelvis), `foot_contact` (`GROUND`). A table states
+            some of the keys of `sdf_penetration` otherwise, such as `exempt`. A goal of the same name replaces either,
+            and has what it does not state from its paper.
         goals: [[goal]] tables or `Term` objects.
         generator, solver, guidance: settings.
         samples: motions to make; those that are met and believable come first, then those that are met, then the rest.
@@ -363,8 +364,9 @@ class TaskTable(_Table):
             raise UserError("'avoid' has keys of sdf_penetration, and a goal replaces that; keep one of them")
         scene = self.scene
         meshes = bool(scene.meshes if isinstance(scene, Scene) else scene.bundled or scene.file)
+        asked = self.walk is not None or any(term.weight > 0 for term in self.terms)
         terms = (Term.from_table({**table, "use": use}) for use, table in wanted.items() if use not in stated)
-        return tuple(terms) if self.avoid is not False and (meshes or scene.primitives or scene.objects) else ()
+        return tuple(terms) if self.avoid is not False and (meshes or scene.primitives or scene.objects or asked) else ()
 
     @property
     def _walks(self) -> bool:

@@ -48,7 +48,9 @@ def test_it_goes_on_after_a_task_that_is_wrong(scenectl: Run, tmp_path: Path) ->
             "7 goals, foot_contact by default, a walk of 2.0 m)",
         ),
         (GROUND + "avoid = false\n" + SCENE + WALK, "5 goals, a walk of 2.0 m)"),
-        (GROUND + WALK, "5 goals, a walk of 2.0 m)"),
+        (GROUND + WALK, "7 goals, sdf_penetration and foot_contact by default, a walk of 2.0 m)"),
+        (GROUND + "avoid = false\n" + WALK, "5 goals, a walk of 2.0 m)"),
+        (GROUND, "0 goals)"),
     ],
 )
 def test_what_was_added_is_named(text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
