@@ -80,8 +80,8 @@ def relieve(setting: Setting, found: Solution) -> Solution:
 def bring(setting: Setting, found: Solution) -> Solution:
     """Samples that are off a body that goals ask for joint by joint, in joints: at first smoothly, then finely.
 
-    Such goals leave nothing to the decoder but what lies between, and it comes no nearer than it reconstructs. A move
-    is kept where it is nearer, and meets what was met before.
+    Such goals leave nothing to the decoder but what lies between, and it comes no nearer than it reconstructs. What
+    then is missed yet is left to the goals alone. A move is kept where it is nearer, and meets what was met before.
     """
     motion, objective, context, limits = setting.motion(found), setting.objective, setting.context, setting.thresholds
     missed = (~objective.met(motion, context)).nonzero()[:, 0]
@@ -89,10 +89,13 @@ def bring(setting: Setting, found: Solution) -> Solution:
         return found
     before = after = _some(motion, missed)
     settings = setting.solver.model_copy(update={"name": "auto", "step": None, "enough": None, "lead": 0})
-    goals = Objective((*objective.terms, *pose_costs(limits)))
-    for time, limbs in ((2 * limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)):
+    costly = Objective((*objective.terms, *pose_costs(limits)))
+    smooth, fine = (2 * limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)
+    for goals, (time, limbs) in ((costly, smooth), (costly, fine), (objective, fine)):
         joints = setting.in_joints(replace(SmoothStep.of(after, limits), time=time, limbs=limbs), settings)
         after = joints.motion(joints.solve(goals))
+        if objective.met(after, context).all():
+            break
     moves, good = torch.zeros_like(motion.joints), _nearer(objective, before, after, context)
     moves[missed[good]] = (after.joints - before.joints)[good]
     return replace(found, moves=moves)
