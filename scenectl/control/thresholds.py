@@ -58,6 +58,9 @@ class Thresholds:
     )
     fine_time: float = _entry(0.05, "s", "standard deviation over time of their last move", POSES)
     fine_bones: float = _entry(1.0, "bones", "length along the limbs over which it falls to 1/e", POSES)
+    posed_smooth: float = _entry(2000.0, "", "weight of `smoothness` where bodies are brought into poses", POSES)
+    hanging: float = _entry(30.0, "", "weight of `foot_contact` there, each frame", POSES)
+    hangs: float = _entry(0.04, "m", "height of the lower foot over the scene that is free to it there", POSES)
     # Free starts.
     headings: int = _entry(8, "", "directions that are tried for a start that is solved for", TARGETS)
     heading_steps: int = _entry(4, "steps", "at most, of the search from each of them", TARGETS)

@@ -23,9 +23,10 @@ from scenectl.data.features import FPS, canonicalise
 from scenectl.generators.base import Generator
 from scenectl.generators.spec import Spec
 from scenectl.measures.believability.judge import Judge
+from scenectl.measures.believability.verdict import Verdict
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.generation import Made, make
-from scenectl.tasks.schema import AVOID
+from scenectl.tasks.schema import AVOID, PASSING
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.mesh.primitives import Cylinder
@@ -42,7 +43,7 @@ RADIUS = 0.15
 AWAY = 1.0
 """Metres from the pillar's axis at which clips begin and end at least."""
 TOUCH = 0.001
-"""Metres that a body may be in the pillar without touching it: rounding of its samples."""
+"""Metres that a body may be in the pillar without touching it, at frames or between them: rounding of its samples."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,11 @@ class Asked:
         return Scene.empty(FLOOR)
 
     @property
+    def margin(self) -> float:
+        """Metres that are kept from things."""
+        return float(AVOID["margin"])
+
+    @property
     def term(self) -> Term:
         """What is asked."""
         raise NotImplementedError
@@ -78,7 +84,8 @@ class Asked:
         """What became of it."""
         scene, began = self.scene, time.perf_counter()
         context = Context(scene, DEFAULT_BODY)
-        objective = Objective((self.term, Term.from_table({"use": "sdf_penetration", **AVOID})))
+        avoid = Term.from_table({"use": "sdf_penetration", **AVOID, "margin": self.margin})
+        objective = Objective((self.term, avoid))
         made = make(
             generator, self.clip.captions[0], self.real.seconds, Pose2D(), objective, context, solver=solver,
             seed=self.seed,
@@ -90,7 +97,7 @@ class Asked:
             "clip": self.clip.id,
             "source": self.clip.source,
             "frames": self.frames,
-            **self.figures(made, context, scorer),
+            **self.figures(made, context, verdict),
             "believable": verdict.believable,
             "verdict": verdict.sentence,
             "guided_believable": Judge(scorer).verdict(made.unrefined[0]).believable,
@@ -100,7 +107,7 @@ class Asked:
             "seconds": seconds,
         }
 
-    def figures(self, made: Made, context: Context, scorer: Scorer) -> Row:
+    def figures(self, made: Made, context: Context, verdict: Verdict) -> Row:
         """How nearly it was met."""
         raise NotImplementedError
 
@@ -117,7 +124,7 @@ class Poses(Asked):
         poses = [self.real.joints[frame].tolist() for frame in self.at.tolist()]
         return Term("pose", {"pose": poses, "frame": self.frame}, at=[frame / FPS for frame in self.at.tolist()])
 
-    def figures(self, made: Made, context: Context, scorer: Scorer) -> Row:
+    def figures(self, made: Made, context: Context, verdict: Verdict) -> Row:
         assert made.unrefined is not None
         error, guided = (_errors(self.term.evaluate(m[0], context)) for m in (made.motion, made.unrefined))
         return {
@@ -144,6 +151,10 @@ class Followed(Asked):
         return Scene(primitives=[Cylinder((x, FLOOR + 1.0, z), RADIUS, 2.0)], floor=FLOOR, name="a pillar")
 
     @property
+    def margin(self) -> float:
+        return PASSING  # runs of 2.8 m/s have frames 14 cm apart
+
+    @property
     def term(self) -> Term:
         return self._asked(None)
 
@@ -151,11 +162,12 @@ class Followed(Asked):
         some = {} if joints is None else {"joints": list(joints)}
         return Term("like", {"clip": self.real, "frame": "world", "clear": CLEAR, **some})
 
-    def figures(self, made: Made, context: Context, scorer: Scorer) -> Row:
+    def figures(self, made: Made, context: Context, verdict: Verdict) -> Row:
         assert made.unrefined is not None
         found = self._asked(LIMBS).evaluate(made.motion[0], context)
         far, near = _parts(found)
-        depth = float(scorer.depths(made.motion[0]).obstacles.max())
+        depths = Scorer(self.scene).depths(made.motion[0])
+        depth = max(float(depths.obstacles.max()), verdict.figures["crossing_m"] or 0.0)
         return {
             "far_mean_m": float(far.mean()),
             "far_worst_m": float(far.max()),

@@ -11,6 +11,7 @@ are solved for, without those that are still far off, which is kept where feet s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float
@@ -22,6 +23,9 @@ from scenectl.control.settings import SolverSettings
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET
+
+_NEVER = 1e6
+"""Tolerance, in any unit, of costs that are never a reason to go on."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class BodyCosts:
         height = foot_heights(feet, before, context)
         moved = torch.nn.functional.pad(feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
         rest = feet[..., 1] + (-height).clamp(0.0, standing)  # out of the floor is no lift
-        named = {joint for term in goals.counted for joint in term.joints}
+        named = {joint for term in goals.counted for joint in (*term.joints, *_drawn(term, before, context))}
         free = torch.tensor([foot not in named for foot in FEET], device=feet.device)
         stands = (height < standing) & (moved < thresholds.still) & before.valid[..., None] & free
         low = torch.where(before.valid[..., None], height.clamp_max(0.0), -torch.inf)
@@ -134,19 +138,45 @@ def walk_costs(level: bool = True, thresholds: Thresholds = THRESHOLDS) -> tuple
 
     Over steps a foot on its way is as near to the next one as a foot that carries, so sliding counts on `level` ground.
     """
-    never = 100.0  # m, m/s: never a reason to go on
     carrying = {"each": False, "height": thresholds.carries, "allowed": thresholds.slide}
-    clearance = Term("foot_clearance", weight=thresholds.led_clearance, tolerance=never)
-    skating = Term("foot_skating", carrying, weight=thresholds.led_skating, tolerance=never)
+    clearance = Term("foot_clearance", weight=thresholds.led_clearance, tolerance=_NEVER)
+    skating = Term("foot_skating", carrying, weight=thresholds.led_skating, tolerance=_NEVER)
     return (clearance, skating) if level else (clearance,)
 
 
+def pose_costs(thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
+    """Jerks, sliding, and hanging over the ground, for bodies that are brought into poses in joints.
+
+    Poses relative to the pelvis leave open how high it is. Recorded flights outweigh the cost of hanging.
+    """
+    contact = {"weight": thresholds.hanging, "kernel": "squared", "reduction": "sum", "tolerance": _NEVER}
+    return (
+        Term("smoothness", weight=thresholds.posed_smooth, tolerance=_NEVER),
+        Term("foot_skating", **_skating(thresholds), tolerance=_NEVER),
+        Term("foot_contact", {"threshold": thresholds.hangs}, **contact),  # type: ignore[arg-type]
+    )
+
+
+def _drawn(term: Term, motion: Motion, context: Context) -> set[str | None]:
+    """Joints that a term draws to places."""
+    if not term.spec.draws:
+        return set()
+    with torch.no_grad():
+        found = term.evaluate(motion, context)
+    return {
+        joint for joint, asked in zip(found.joints, found.mask.flatten(0, -2).any(0).tolist(), strict=True) if asked
+    }
+
+
+def _skating(thresholds: Thresholds) -> dict[str, Any]:
+    return {"weight": thresholds.skating, "kernel": "geman_mcclure", "delta": thresholds.swing}
+
+
 def _body(thresholds: Thresholds) -> tuple[Term, ...]:
-    skating = {"weight": thresholds.skating, "kernel": "geman_mcclure", "delta": thresholds.swing}
     return (
         Term("joint_limits", weight=thresholds.limits),
         Term("smoothness", weight=thresholds.smooth),
-        Term("foot_skating", **skating),  # type: ignore[arg-type]
+        Term("foot_skating", **_skating(thresholds)),
         Term("foot_clearance", weight=thresholds.clearance),
     )
 

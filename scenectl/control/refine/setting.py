@@ -12,13 +12,16 @@ from torch import Tensor
 
 from objectives import Context, Objective
 from scenectl.control.refine.body_costs import BodyCosts
+from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem, Solution
 from scenectl.control.solvers.residuals import Residuals
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Step
+from scenectl.generators.steps import MappedStep
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
 
 _REMEMBERED = 2
 """Steps: what a search ended with is asked for again, and is among its last trials as a rule."""
@@ -59,6 +62,10 @@ class Setting:
     def of(self, samples: Int[Tensor, " s"]) -> Setting:
         """The same for some samples."""
         return replace(self, step=self.step.take(samples))
+
+    def in_joints(self, step: SmoothStep, solver: SolverSettings) -> Setting:
+        """The same goals for a move of joints, which keeps bones rigid, and how to search for it."""
+        return Setting(MappedStep(step, rigid), self.objective, self.context, solver, self.count, self.thresholds)
 
     def body_costs(self) -> BodyCosts:
         """What a body is held to, beside the step's own motion."""

@@ -9,18 +9,16 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import torch
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 from torch import Tensor
 
 from objectives import Context, Objective
-from scenectl.control.refine.body_costs import approach, finish, leads, walk_costs
+from scenectl.control.refine.body_costs import approach, finish, leads, pose_costs, walk_costs
 from scenectl.control.refine.polish import SmoothStep, kept, polishing
 from scenectl.control.refine.setting import Setting
 from scenectl.control.rise import Rise
 from scenectl.control.solvers.problem import Solution
-from scenectl.generators.steps import MappedStep
 from scenes.motion.motion import Motion
-from scenes.motion.rigid import rigid
 
 Stage = Callable[[Setting, Solution], Solution]
 
@@ -82,23 +80,24 @@ def relieve(setting: Setting, found: Solution) -> Solution:
 def bring(setting: Setting, found: Solution) -> Solution:
     """Samples that are off a body that goals ask for joint by joint, in joints: at first smoothly, then finely.
 
-    Such goals leave nothing to the decoder but what lies between, and it comes no nearer than it reconstructs. A move
-    is kept only where it meets all goals.
+    Such goals leave nothing to the decoder but what lies between, and it comes no nearer than it reconstructs. What
+    then is missed yet is left to the goals alone. A move is kept where it is nearer, and meets what was met before.
     """
     motion, objective, context, limits = setting.motion(found), setting.objective, setting.context, setting.thresholds
     missed = (~objective.met(motion, context)).nonzero()[:, 0]
     if not len(missed) or not _asks_for_bodies(objective, motion, context, limits.body_joints):
         return found
-    some = replace(motion, joints=motion.joints[missed], valid=motion.valid[missed])
+    before = after = _some(motion, missed)
     settings = setting.solver.model_copy(update={"name": "auto", "step": None, "enough": None, "lead": 0})
-    after = some
-    for time, limbs in ((2 * limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)):
-        step = MappedStep(replace(SmoothStep.of(after, limits), time=time, limbs=limbs), rigid)
-        joints = Setting(step, objective, context, settings, setting.count, limits)
-        after = joints.motion(joints.solve(objective))
-    moves = torch.zeros_like(motion.joints)
-    good = objective.met(after, context)
-    moves[missed[good]] = (after.joints - some.joints)[good]
+    costly = Objective((*objective.terms, *pose_costs(limits)))
+    smooth, fine = (2 * limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)
+    for goals, (time, limbs) in ((costly, smooth), (costly, fine), (objective, fine)):
+        joints = setting.in_joints(replace(SmoothStep.of(after, limits), time=time, limbs=limbs), settings)
+        after = joints.motion(joints.solve(goals))
+        if objective.met(after, context).all():
+            break
+    moves, good = torch.zeros_like(motion.joints), _nearer(objective, before, after, context)
+    moves[missed[good]] = (after.joints - before.joints)[good]
     return replace(found, moves=moves)
 
 
@@ -109,17 +108,23 @@ def _asks_for_bodies(objective: Objective, motion: Motion, context: Context, lea
     return any(int(one.mask.sum(-1).max()) >= least for one in found)
 
 
+@torch.no_grad()
+def _nearer(objective: Objective, before: Motion, after: Motion, context: Context) -> Bool[Tensor, " S"]:
+    """Samples that meet all goals after a move, or whose cost fell while no goal that was met is missed."""
+    now, then = (torch.stack([t.met(m, context) for t in objective.counted]) for m in (after, before))
+    fell = objective.cost(after, context) < objective.cost(before, context)
+    return now.all(0) | (fell & (now | ~then).all(0))
+
+
 def polish(setting: Setting, found: Solution) -> Solution:
     """The last centimetre of samples that have no more to go: in joints, or else through the decoder."""
     motion, objective, context = setting.motion(found), setting.objective, setting.context
     near = (setting.goals.met(motion, context) & ~objective.met(motion, context)).nonzero()[:, 0]
     if not len(near):
         return found
-    some = replace(motion, joints=motion.joints[near], valid=motion.valid[near])
+    some = _some(motion, near)
     done, moves = torch.zeros_like(near, dtype=torch.bool), torch.zeros_like(some.joints)
-    step = MappedStep(SmoothStep.of(some, setting.thresholds), rigid)
-    settings = polishing(setting.solver, setting.thresholds)
-    joints = Setting(step, objective, context, settings, setting.count, setting.thresholds)
+    joints = setting.in_joints(SmoothStep.of(some, setting.thresholds), polishing(setting.solver, setting.thresholds))
     # Targets alone, as so small a move takes other goals out of their tolerances but seldom; then all goals.
     for goals in (Objective(tuple(t for t in objective.counted if t.spec.pulls)), objective):
         after = joints.motion(joints.solve(goals))
@@ -133,6 +138,10 @@ def polish(setting: Setting, found: Solution) -> Solution:
     if not done.all():
         found = _finished(setting.of(near[~done]), found, near[~done])
     return replace(found, moves=whole)
+
+
+def _some(motion: Motion, samples: Int[Tensor, " s"]) -> Motion:
+    return replace(motion, joints=motion.joints[samples], valid=motion.valid[samples])
 
 
 def _finished(setting: Setting, found: Solution, samples: Int[Tensor, " s"]) -> Solution:
