@@ -365,8 +365,9 @@ class TaskTable(_Table):
         scene = self.scene
         meshes = bool(scene.meshes if isinstance(scene, Scene) else scene.bundled or scene.file)
         asked = self.walk is not None or any(term.weight > 0 for term in self.terms)
-        terms = (Term.from_table({**table, "use": use}) for use, table in wanted.items() if use not in stated)
-        return tuple(terms) if self.avoid is not False and (meshes or scene.primitives or scene.objects or asked) else ()
+        if self.avoid is False or not (meshes or scene.primitives or scene.objects or asked):
+            return ()
+        return tuple(Term.from_table({**table, "use": use}) for use, table in wanted.items() if use not in stated)
 
     @property
     def _walks(self) -> bool:

@@ -17,7 +17,7 @@ from scenectl.data.formats.people import UNITS
 from scenectl.data.joint_names import match_joints
 from scenectl.export.bvh import write_bvh
 from scenes.errors import UserError
-from scenes.motion.bones import bone_lengths, rest_pose
+from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
 from scenes.motion.skeleton import HUMANML3D, tree_order, with_lengths
