@@ -110,7 +110,7 @@ class Pose(_Recorded):
 
     Attributes:
         file: of a motion, of which of several samples the first counts.
-        time: seconds on the file's clock; needed where it has more than one frame.
+        time: seconds on the file's clock, which has two frames or more.
         positions: instead of a file, of all joints, ``[22, 3]``, world m.
         fps: of the file, where it does not say.
     """

@@ -128,7 +128,8 @@ def convert_bvh(
 ) -> BvhClip:
     """Take a file's content to the 22 joints, metres, y up.
 
-    Frames are dropped where the file's rate is a multiple of `fps`; otherwise positions are interpolated linearly.
+    Frames are dropped where the file's rate is a multiple of `fps`; otherwise they are interpolated
+    (`Motion.resampled`).
     Spine joints are placed along the file's spine in the proportions of our skeleton, feet at the end sites of ankles
     and collars halfway from neck to shoulder where the file does not have them.
 
