@@ -57,7 +57,7 @@ class BodyCosts:
         height = foot_heights(feet, before, context)
         moved = torch.nn.functional.pad(feet.diff(dim=-3).norm(dim=-1), (0, 0, 0, 1))
         rest = feet[..., 1] + (-height).clamp(0.0, standing)  # out of the floor is no lift
-        named = {joint for term in goals.counted for joint in (*term.joints, *_drawn(term, before, context))}
+        named = {joint for term in goals.counted for joint in term.joints}
         free = torch.tensor([foot not in named for foot in FEET], device=feet.device)
         stands = (height < standing) & (moved < thresholds.still) & before.valid[..., None] & free
         low = torch.where(before.valid[..., None], height.clamp_max(0.0), -torch.inf)
@@ -155,17 +155,6 @@ def pose_costs(thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
         Term("foot_skating", **_skating(thresholds), tolerance=_NEVER),
         Term("foot_contact", {"threshold": thresholds.hangs}, **contact),  # type: ignore[arg-type]
     )
-
-
-def _drawn(term: Term, motion: Motion, context: Context) -> set[str | None]:
-    """Joints that a term draws to places."""
-    if not term.spec.draws:
-        return set()
-    with torch.no_grad():
-        found = term.evaluate(motion, context)
-    return {
-        joint for joint, asked in zip(found.joints, found.mask.flatten(0, -2).any(0).tolist(), strict=True) if asked
-    }
 
 
 def _skating(thresholds: Thresholds) -> dict[str, Any]:

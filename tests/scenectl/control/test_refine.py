@@ -9,10 +9,11 @@ import torch
 from torch import Tensor
 
 from objectives import Context, Objective, Term
+from objectives.library.scene import foot_heights
 from scenectl.control import FreeStart, SolverSettings, refine
 from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.refine.setting import Setting
-from scenectl.control.refine.stages import Stage, polish, relieve, search
+from scenectl.control.refine.stages import Stage, bring, polish, relieve, search
 from scenectl.control.solvers.problem import Solution
 from scenectl.control.start import MovedStep
 from scenectl.generators.base import Step
@@ -20,6 +21,7 @@ from scenectl.generators.steps import AUTOGRAD, DecodedStep, MappedStep
 from scenes.body.body import DEFAULT_BODY
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
+from scenes.motion.skeleton import FEET
 from scenes.world.scene import Scene
 from tests.scenectl.generators.test_steps import pair
 from tests.scenectl.small import walk
@@ -67,6 +69,44 @@ def test_stages_change_neither_what_they_are_given_nor_their_setting(stage: Stag
     assert torch.equal(before[0], after[0]) and torch.equal(before[1], after[1]) and before[2:] == after[2:]
     assert not setting.step.value.any() and found.moves is None
     assert torch.equal(setting.motion(stage(setting, found)).joints, setting.motion(got).joints)
+
+
+def brought(goals: Objective, motion: Motion) -> Motion:
+    """What is left to joints of a motion that a decoder can't move."""
+    setting = Setting(smooth(motion), goals, CONTEXT, SolverSettings())
+    found = Solution("lm", setting.step.value.flatten(1), torch.ones(len(motion.joints)), ["no progress"] * 2)
+    return setting.motion(bring(setting, found))
+
+
+def shifted(motion: Motion, *by: float) -> Motion:
+    return replace(motion, joints=motion.joints + motion.joints.new_tensor(by))
+
+
+def test_bodies_are_brought_nearer_to_poses_but_never_away_from_those_that_are_met() -> None:
+    """Two places of one body at once: half of the way to both is better than far from both, and worse than one."""
+    body = rigid(walkers(1))
+    here, there = (
+        Term("pose", {"pose": shifted(body, x, 0.0, 0.0).joints[0, 10].tolist(), "frame": "world"}, at=0.5)
+        for x in (0.1, -0.1)
+    )
+    start = Motion(torch.cat([shifted(body, x, 0.0, 0.0).joints for x in (0.3, 0.1)]))
+    goals = Objective((here, there))
+    after = brought(goals, start)
+    assert goals.cost(after, CONTEXT)[0] < 0.5 * goals.cost(start, CONTEXT)[0]
+    torch.testing.assert_close(after.joints[1], start.joints[1])
+
+
+def test_bodies_that_are_brought_into_poses_do_not_hang_over_the_ground() -> None:
+    """Relative to the pelvis a pose says nothing of its height."""
+    body = rigid(walkers())
+    wanted = body.joints[0, 10].clone()
+    wanted[body.skeleton.indices(["left_wrist", "right_wrist"])] += torch.tensor([0.0, 0.15, 0.05])
+    goals = Objective((Term("pose", {"pose": wanted.tolist()}, at=0.5, tolerance=0.02),))
+    hanging = shifted(body, 0.0, 0.12, 0.0)
+    after = brought(goals, hanging)
+    assert goals.met(after, CONTEXT)[0]
+    (before, now) = (foot_heights(m.select(FEET), m, CONTEXT).amin(-1)[0].mean() for m in (hanging, after))
+    assert now < 0.6 * before
 
 
 @pytest.mark.parametrize("free", [False, True])
