@@ -364,10 +364,10 @@ class TaskTable(_Table):
             raise UserError("'avoid' has keys of sdf_penetration, and a goal replaces that; keep one of them")
         scene = self.scene
         meshes = bool(scene.meshes if isinstance(scene, Scene) else scene.bundled or scene.file)
+        things = meshes or scene.primitives or scene.objects
         asked = self.walk is not None or any(term.weight > 0 for term in self.terms)
-        if self.avoid is False or not (meshes or scene.primitives or scene.objects or asked):
-            return ()
-        return tuple(Term.from_table({**table, "use": use}) for use, table in wanted.items() if use not in stated)
+        terms = (Term.from_table({**table, "use": use}) for use, table in wanted.items() if use not in stated)
+        return tuple(terms) if self.avoid is not False and (things or asked) else ()
 
     @property
     def _walks(self) -> bool:

@@ -46,9 +46,7 @@ def added(**more: Any) -> list[str]:
 )
 def test_what_there_is_to_avoid(scene: Any, avoided: bool, tmp_path: Path) -> None:
     assert added(scene=scene, folder=tmp_path) == ["sdf_penetration"] * avoided
-    assert added(scene=scene, folder=tmp_path, goals=[{"use": "square_region", "weight": 0}]) == added(
-        scene=scene, folder=tmp_path
-    )
+    assert added(scene=scene, folder=tmp_path, goals=[{**PATH, "weight": 0}]) == ["sdf_penetration"] * avoided
     for more in ({"walk": WALK}, {"goals": [PATH]}):  # goals push bodies into a bare floor, too
         assert added(scene=scene, folder=tmp_path, **more) == ["sdf_penetration", "foot_contact"]
         assert added(scene=scene, folder=tmp_path, **more, avoid=False) == []
