@@ -104,7 +104,7 @@ def test_depths_are_asked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_goal_that_is_never_active_is_not_met() -> None:
-    made = setup(goals=[sc.Term("head_height", {"height": 1.2}, at=1.9, tolerance=9.0)])
+    made = setup(avoid=False, goals=[sc.Term("head_height", {"height": 1.2}, at=1.9, tolerance=9.0)])
     short = Motion(WALK[None], torch.tensor([[True] * 15 + [False] * 5]))
     _, (row,) = ranked(short, None, made, Scorer(made.scene), lambda what, done: None)
     assert isinstance(row, Sample) and not row.met and row.diagnosis == "head_height is never active"
