@@ -11,6 +11,7 @@ are solved for, without those that are still far off, which is kept where feet s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import torch
@@ -133,6 +134,7 @@ def leads(objective: Objective, motion: Motion, context: Context, led: float = T
     return any(term.spec.draws and share(term) >= led for term in objective.counted)
 
 
+@cache
 def walk_costs(level: bool = True, thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
     """Low swings and sliding, for walks that are led past walls.
 
@@ -144,6 +146,7 @@ def walk_costs(level: bool = True, thresholds: Thresholds = THRESHOLDS) -> tuple
     return (clearance, skating) if level else (clearance,)
 
 
+@cache
 def pose_costs(thresholds: Thresholds = THRESHOLDS) -> tuple[Term, ...]:
     """Jerks, sliding, and hanging over the ground, for bodies that are brought into poses in joints.
 
@@ -161,6 +164,7 @@ def _skating(thresholds: Thresholds) -> dict[str, Any]:
     return {"weight": thresholds.skating, "kernel": "geman_mcclure", "delta": thresholds.swing}
 
 
+@cache
 def _body(thresholds: Thresholds) -> tuple[Term, ...]:
     return (
         Term("joint_limits", weight=thresholds.limits),

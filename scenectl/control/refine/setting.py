@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import torch
 from jaxtyping import Float, Int
@@ -52,7 +53,7 @@ class Setting:
     thresholds: Thresholds = THRESHOLDS
     _recent: deque[Step] = field(default_factory=lambda: deque(maxlen=_REMEMBERED), repr=False, compare=False)
 
-    @property
+    @cached_property
     def goals(self) -> Objective:
         """The objective; where polishing follows, with targets that count as met within its reach."""
         if not self.solver.polish:
