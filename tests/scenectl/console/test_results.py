@@ -76,7 +76,8 @@ def test_one_sample_that_is_both_is_enough(
     said = scenectl("run", task(MET), "-o", tmp_path / "out", "--no-preview")
     assert said.status == 0
     rows = [line.split() for line in said.out.splitlines() if line[:1].isdigit()]
-    assert [row[:5] for row in rows] == [[k, "1", "of", "1", "yes" if k == "0" else "no"] for k in "012"]
+    # the goal, and the floor that whoever has goals avoids
+    assert [row[:5] for row in rows] == [[k, "2", "of", "2", "yes" if k == "0" else "no"] for k in "012"]
     assert "sample 0 is" not in said.out
     assert "sample 1 is not believable: left foot slides at 0.50 m/s at 0.40 s\n" in said.out
 
