@@ -14,7 +14,7 @@ from objectives import Context
 from objectives.library.natural import joint_limits
 from scenectl.measures.metrics import bone_length_drift, max_acceleration, skating_ratio
 from scenes.body.body import DEFAULT_BODY, ProxyBody
-from scenes.motion.bones import rest_pose
+from scenes.motion.bones import standing_pose
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET
 from scenes.world.scene import Scene
@@ -100,7 +100,7 @@ def self_penetration(motion: Motion, body: ProxyBody = DEFAULT_BODY) -> Float[Te
 
 
 def _apart(body: ProxyBody) -> Bool[Tensor, "M M"]:
-    """Pairs of the body's samples that are well apart at rest."""
-    rest = rest_pose(body.skeleton).float()
+    """Pairs of the body's samples that are well apart in people who stand."""
+    rest = standing_pose(body.skeleton).float()
     points, radii = body.points_of(rest), body.radii()
     return torch.cdist(points, points) > radii[:, None] + radii + NEIGHBOURLY
