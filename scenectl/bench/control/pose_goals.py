@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -80,29 +80,34 @@ class Asked:
         """What is asked."""
         raise NotImplementedError
 
-    def row(self, generator: Generator, solver: SolverSettings | None) -> Row:
-        """What became of it."""
+    def row(self, generator: Generator, solver: SolverSettings | None, samples: int) -> Row:
+        """What became of it: of the samples, the first that is met and believable, or else met."""
         scene, began = self.scene, time.perf_counter()
         context = Context(scene, DEFAULT_BODY)
         avoid = Term.from_table({"use": "sdf_penetration", **AVOID, "margin": self.margin})
         objective = Objective((self.term, avoid))
         made = make(
             generator, self.clip.captions[0], self.real.seconds, Pose2D(), objective, context, solver=solver,
-            seed=self.seed,
+            samples=samples, seed=self.seed,
         )  # fmt: skip
-        seconds, scorer = time.perf_counter() - began, Scorer(scene)
-        verdict = Judge(scorer).verdict(made.motion[0])
+        seconds, judge = time.perf_counter() - began, Judge(Scorer(scene))
         assert made.unrefined is not None and made.solution is not None
+        each = [replace(made, motion=_only(made.motion, k), unrefined=_only(made.unrefined, k)) for k in range(samples)]
+        verdicts = [judge.verdict(one.motion[0]) for one in each]
+        figures = [self.figures(one, context, verdict) for one, verdict in zip(each, verdicts, strict=True)]
+        best = max(range(samples), key=lambda k: (figures[k]["met"], verdicts[k].believable))
+        verdict, unrefined = verdicts[best], each[best].unrefined
+        assert unrefined is not None
         return {
             "clip": self.clip.id,
             "source": self.clip.source,
             "frames": self.frames,
-            **self.figures(made, context, verdict),
+            **figures[best],
             "believable": verdict.believable,
             "verdict": verdict.sentence,
-            "guided_believable": Judge(scorer).verdict(made.unrefined[0]).believable,
+            "guided_believable": judge.verdict(unrefined[0]).believable,
             "real_believable": Judge(Scorer(Scene.empty(FLOOR))).verdict(self.real).believable,
-            "reason": made.solution.reasons[0],
+            "reason": made.solution.reasons[best],
             "passes": made.solution.evaluations,
             "seconds": seconds,
         }
@@ -110,6 +115,12 @@ class Asked:
     def figures(self, made: Made, context: Context, verdict: Verdict) -> Row:
         """How nearly it was met."""
         raise NotImplementedError
+
+
+def _only(motion: Motion, sample: int) -> Motion:
+    """One sample, still as a batch."""
+    joints, valid = motion.joints[sample : sample + 1], motion.valid[sample : sample + 1]
+    return replace(motion, joints=joints, valid=valid)
 
 
 @dataclass(frozen=True)
@@ -187,6 +198,7 @@ def bench_pose_goals(
     clips: int = 10,
     times: int = 5,
     frame: str = "pelvis",
+    samples: int = 1,
     seed: int = 0,
     solver: SolverSettings | None = None,
     engine: Engine = ENGINE,
@@ -200,6 +212,7 @@ def bench_pose_goals(
         clips: test clips that are followed; those that go somewhere.
         times: of each motion, at random frames.
         frame: of poses, "pelvis" or "world".
+        samples: made of each, of which the first counts that is met and believable, or else met.
         seed: of clips, frames and motions.
         solver: instead of the default.
         engine: tells progress, keeps rows and goes on from them.
@@ -210,9 +223,9 @@ def bench_pose_goals(
     settings = {"bench": "pose_goals", "data": data, "motions": motions, "clips": clips, "times": times}
     return engine.run(
         _cases(generator.spec, data, motions, clips, times, frame, seed),
-        lambda asked: [{"goal": asked.term.goal, **asked.row(generator, solver)}],
+        lambda asked: [{"goal": asked.term.goal, **asked.row(generator, solver, samples)}],
         _summary,
-        {**settings, "frame": frame, "seed": seed, "solver": solver},
+        {**settings, "frame": frame, "samples": samples, "seed": seed, "solver": solver},
     )
 
 
