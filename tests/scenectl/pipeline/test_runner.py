@@ -103,7 +103,7 @@ def test_samples_come_in_the_order_of_their_cost(task_file: Path, tiny: ModuleTy
 
 def test_a_sample_that_meets_all_goals_comes_before_a_cheaper_one_that_does_not(tiny: ModuleType) -> None:
     task = sc.Task(
-        prompt="walks", seconds=2.0,
+        prompt="walks", seconds=2.0, avoid=False,
         goals=[
             sc.Term("joint_target", {"position": [0.0, 0.0]}, at=1.0, weight=100.0, tolerance=0.5, name="loose"),
             sc.Term("joint_target", {"joint": "head", "position": [0.0, 0.0]}, at=1.9, weight=0.01, tolerance=0.4),
