@@ -126,7 +126,7 @@ def test_knees_bend_backward_and_elbows_forward_as_hinges(side: str, part: str) 
 
 @pytest.mark.parametrize("part", ["leg", "arm"])
 @settings(max_examples=25, deadline=None)
-@given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-0.2, 0.05))
+@given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-0.15, 0.05))  # bent the wrong way by up to 9 degrees
 def test_nothing_flips_while_a_limb_goes_straight_and_bends_elsewhere(
     part: str, before: float, after: float, least: float
 ) -> None:
