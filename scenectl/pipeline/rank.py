@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -52,8 +50,7 @@ def ranked(
         progress("measuring", (index + 1) / len(motion.joints))
     rows.sort(key=_badness)
     order = [row.index for row in rows]
-    best_first = replace(motion, joints=motion.joints[order], valid=motion.valid[order])
-    return best_first.moved(setup.origin), rows
+    return motion[order].moved(setup.origin), rows
 
 
 def _badness(row: Sample) -> tuple[bool, bool, float, float]:

@@ -10,7 +10,7 @@ from typing import IO, Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from scenes.archive import load_npz, npz_headers
@@ -140,8 +140,8 @@ class Motion:
             return self
         return replace(self, joints=self.moved(back(origin)).joints.float())
 
-    def __getitem__(self, sample: int) -> Motion:
-        """One motion of a batch."""
+    def __getitem__(self, sample: int | slice | list[int] | Int[Tensor, " s"]) -> Motion:
+        """One motion of a batch, or some of them as a batch."""
         return replace(self, joints=self.joints[sample], valid=self.valid[sample])
 
     def resampled(self, fps: float | int) -> Motion:

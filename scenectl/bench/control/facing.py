@@ -114,10 +114,8 @@ def _row(generator: Generator, asked: Faced, solver: SolverSettings | None) -> R
     scene, caption = Scene.empty(FLOOR), asked.clip.captions[0]
     context, judge = Context(scene, DEFAULT_BODY), Judge(Scorer(scene))
     free = generator.generate(caption, asked.real.seconds, Pose2D(), seed=asked.seed).motion[0]
-    objective, began = (
-        Objective((*asked.terms, Term.from_table({"use": "sdf_penetration", **AVOID}))),
-        time.perf_counter(),
-    )
+    objective = Objective((*asked.terms, Term.from_table({"use": "sdf_penetration", **AVOID})))
+    began = time.perf_counter()
     made = make(generator, caption, asked.real.seconds, Pose2D(), objective, context, solver=solver, seed=asked.seed)
     seconds, error = time.perf_counter() - began, asked.errors(made.motion[0], context)
     verdict = judge.verdict(made.motion[0])

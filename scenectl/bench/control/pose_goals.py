@@ -92,7 +92,8 @@ class Asked:
         )  # fmt: skip
         seconds, judge = time.perf_counter() - began, Judge(Scorer(scene))
         assert made.unrefined is not None and made.solution is not None
-        each = [replace(made, motion=_only(made.motion, k), unrefined=_only(made.unrefined, k)) for k in range(samples)]
+        ones = [slice(k, k + 1) for k in range(samples)]
+        each = [replace(made, motion=made.motion[one], unrefined=made.unrefined[one]) for one in ones]
         verdicts = [judge.verdict(one.motion[0]) for one in each]
         figures = [self.figures(one, context, verdict) for one, verdict in zip(each, verdicts, strict=True)]
         best = max(range(samples), key=lambda k: (figures[k]["met"], verdicts[k].believable))
@@ -115,12 +116,6 @@ class Asked:
     def figures(self, made: Made, context: Context, verdict: Verdict) -> Row:
         """How nearly it was met."""
         raise NotImplementedError
-
-
-def _only(motion: Motion, sample: int) -> Motion:
-    """One sample, still as a batch."""
-    joints, valid = motion.joints[sample : sample + 1], motion.valid[sample : sample + 1]
-    return replace(motion, joints=joints, valid=valid)
 
 
 @dataclass(frozen=True)

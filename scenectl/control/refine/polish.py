@@ -71,8 +71,7 @@ class SmoothStep:
         return replace(self, value=value)
 
     def take(self, samples: Int[Tensor, " s"]) -> SmoothStep:
-        base = replace(self.base, joints=self.base.joints[samples], valid=self.base.valid[samples])
-        return replace(self, value=self.value[samples], base=base)
+        return replace(self, value=self.value[samples], base=self.base[samples])
 
     @property
     @torch.no_grad()

@@ -87,7 +87,7 @@ def bring(setting: Setting, found: Solution) -> Solution:
     missed = (~objective.met(motion, context)).nonzero()[:, 0]
     if not len(missed) or not _asks_for_bodies(objective, motion, context, limits.body_joints):
         return found
-    before = after = _some(motion, missed)
+    before = after = motion[missed]
     settings = setting.solver.model_copy(update={"name": "auto", "step": None, "enough": None, "lead": 0})
     costly = Objective((*objective.terms, *pose_costs(limits)))
     smooth, fine = (2 * limits.spread_time, limits.spread_bones), (limits.fine_time, limits.fine_bones)
@@ -122,7 +122,7 @@ def polish(setting: Setting, found: Solution) -> Solution:
     near = (setting.goals.met(motion, context) & ~objective.met(motion, context)).nonzero()[:, 0]
     if not len(near):
         return found
-    some = _some(motion, near)
+    some = motion[near]
     done, moves = torch.zeros_like(near, dtype=torch.bool), torch.zeros_like(some.joints)
     joints = setting.in_joints(SmoothStep.of(some, setting.thresholds), polishing(setting.solver, setting.thresholds))
     # Targets alone, as so small a move takes other goals out of their tolerances but seldom; then all goals.
@@ -138,10 +138,6 @@ def polish(setting: Setting, found: Solution) -> Solution:
     if not done.all():
         found = _finished(setting.of(near[~done]), found, near[~done])
     return replace(found, moves=whole)
-
-
-def _some(motion: Motion, samples: Int[Tensor, " s"]) -> Motion:
-    return replace(motion, joints=motion.joints[samples], valid=motion.valid[samples])
 
 
 def _finished(setting: Setting, found: Solution, samples: Int[Tensor, " s"]) -> Solution:
