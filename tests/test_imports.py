@@ -50,6 +50,7 @@ ROOMS = {
         "measures",
         "tasks",
         "pipeline",
+        "retarget",
         "export",
         "view",
         "api",

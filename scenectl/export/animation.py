@@ -1,0 +1,120 @@
+"""Motions as animation tools have them: how the joints of a skeleton turn over time, and where its root is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from scenes.errors import UserError
+from scenes.motion.fitting import fitted
+from scenes.motion.kinematics import forward
+from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
+from scenes.motion.skeleton import Skeleton
+
+RIGID = 1e-4
+"""Metres by which joints may be off their skeleton's pieces and count as rigid: what a round trip keeps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Animation:
+    """One motion of one skeleton, every frame of it real.
+
+    Attributes:
+        name: what tools list it under.
+        skeleton: names, tree, and offsets (m) in the T-pose, y up, facing +z.
+        rotations: unit quaternions (w, x, y, z) of every joint against its parent in the T-pose, the root's against the
+            world, without changes of sign, ``[T, J, 4]`` float64.
+        roots: places of the root, world metres, ``[T, 3]`` float64.
+        fps: frames a second.
+        ours: where HumanML3D's 22 joints are among the skeleton's, ``[22]``.
+    """
+
+    name: str
+    skeleton: Skeleton
+    rotations: Float[np.ndarray, "T J 4"]
+    roots: Float[np.ndarray, "T 3"]
+    fps: float
+    ours: Int[np.ndarray, "22"]
+
+    @classmethod
+    def of(cls, motion: Motion, name: str = "motion") -> tuple[Animation, float]:
+        """The animation of one motion ``[T, 22, 3]``, and by how much (m) that moved the joint that it moved most.
+
+        What is rigid stays where it is, to `RIGID`, and the number is 0. For what is not, a skeleton is fitted
+        (`scenes.motion.fitting`) and the motion put on its bones.
+
+        Raises:
+            UserError: a batch instead of one motion, or no valid frame.
+        """
+        if motion.joints.ndim != 3:
+            raise UserError(f"an animation is one motion, not {tuple(motion.joints.shape[:-3])}; choose one of them")
+        joints = motion.joints.detach()[motion.valid].double().cpu()
+        if len(joints) == 0:
+            raise UserError("a motion without a valid frame cannot be exported; export another")
+        motion, moved = _on_bones(Motion(joints, fps=motion.fps, skeleton=motion.skeleton))
+        roots, ours = motion.joints[:, 0].numpy(), np.arange(len(motion.skeleton.names))
+        return cls(name, motion.skeleton, motion.rotations.numpy(), roots, motion.fps, ours), moved
+
+    @property
+    def frames(self) -> int:
+        """Number of frames T."""
+        return len(self.roots)
+
+    @property
+    def times(self) -> Float[np.ndarray, " T"]:
+        """Time of every frame, seconds from the first."""
+        return np.arange(self.frames) / self.fps
+
+    @cached_property
+    def joints(self) -> Float[np.ndarray, "T J 3"]:
+        """World positions of all joints, metres."""
+        joints: np.ndarray = forward(
+            torch.from_numpy(self.rotations), torch.from_numpy(self.roots), self.skeleton
+        ).numpy()
+        return joints
+
+    def resampled(self, fps: float) -> Animation:
+        """The same at another rate: rotations by slerp, roots by a cubic spline; the last frame still reached is last.
+
+        Bones are as long as before at any rate.
+        """
+        if fps == self.fps or self.frames < 2:
+            return replace(self, fps=fps) if self.frames < 2 else self
+        at = np.arange(int(self.times[-1] * fps + 1e-6) + 1) / fps
+        at = np.minimum(at, self.times[-1])
+        turns = [Slerp(self.times, _scipy(self.rotations[:, joint]))(at) for joint in range(self.rotations.shape[1])]
+        rotations = np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1)
+        return replace(self, rotations=_steady(rotations), roots=CubicSpline(self.times, self.roots)(at), fps=fps)
+
+    def in_place(self) -> Animation:
+        """The same without root motion: the root stays over the place of its first frame, and rises and sinks."""
+        roots = self.roots.copy()
+        roots[:, [0, 2]] = roots[0, [0, 2]]
+        return replace(self, roots=roots)
+
+
+def _scipy(rotations: Float[np.ndarray, "T 4"]) -> Rotation:
+    return Rotation.from_quat(rotations, scalar_first=True)
+
+
+def _steady(rotations: Float[np.ndarray, "T J 4"]) -> Float[np.ndarray, "T J 4"]:
+    same = (rotations[1:] * rotations[:-1]).sum(-1, keepdims=True) >= 0
+    signs = np.concatenate([np.ones_like(rotations[:1, :, :1]), np.where(same, 1.0, -1.0)]).cumprod(axis=0)
+    return rotations * signs
+
+
+def _on_bones(motion: Motion) -> tuple[Motion, float]:
+    """The motion with rigid pieces, and by how much (m) it moved for that."""
+    on = rigid(motion)
+    if float((on.joints - motion.joints).norm(dim=-1).max()) <= RIGID:
+        return motion, 0.0
+    on = rigid(motion, fitted(motion))
+    moved = float((on.joints - motion.joints).norm(dim=-1).max())
+    return on, moved if moved > RIGID else 0.0

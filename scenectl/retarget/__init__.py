@@ -1,0 +1,1 @@
+"""Motions on the bodies of others: skinned characters and robots."""

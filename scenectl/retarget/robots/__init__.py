@@ -1,0 +1,1 @@
+"""Motions for humanoid robots: MJCF and URDF in, joints over time out. Needs the extra `robots` (MuJoCo and mink)."""
