@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,10 +77,10 @@ class Axes:
         return np.concatenate([quaternions[..., :1], self.ways(quaternions[..., 1:])], axis=-1)
 
 
-def identifiers(skeleton: Skeleton) -> list[str]:
-    """Names of joints as USD allows them, which is letters, digits and underscores, each of its own."""
+def identifiers(names: Iterable[str]) -> list[str]:
+    """Names as USD allows them, of letters, digits and underscores, no two the same."""
     found: list[str] = []
-    for name in skeleton.names:
+    for name in names:
         plain = valid = Tf.MakeValidIdentifier(name)
         number = 1
         while valid in found:
@@ -117,7 +117,7 @@ def _move(moves: Any, joints: Vt.TokenArray, animation: Animation, axes: Axes) -
 
 def _paths(skeleton: Skeleton) -> Vt.TokenArray:
     """Every joint as the way to it from the root."""
-    names = identifiers(skeleton)
+    names = identifiers(skeleton.names)
     for parent, joint in skeleton.bones:
         names[joint] = f"{names[parent]}/{names[joint]}"
     return Vt.TokenArray(names)

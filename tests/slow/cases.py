@@ -1,18 +1,25 @@
-"""What is exported, and where everything should then be: the same sums as in no exporter, in Blender's axes."""
+"""What is exported, and where everything should then be, in Blender's axes."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from scenectl.export.animation import Animation
+from scenectl.export.export import export
+from scenectl.export.names import PRESETS, named
+from scenectl.export.settings import Settings
+from scenectl.tasks.task import load_task
 from scenes.motion.motion import Motion
+from scenes.world.scene import Scene
 
 MOMENTS = 10
-FPS = 30
 
 
 @dataclass
@@ -48,10 +55,66 @@ class Case:
         return asdict(self)
 
 
-def blenders(points: np.ndarray) -> Any:
-    """Points (y up, facing +z) as Blender has them, z up, facing -y."""
-    x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
-    return np.stack([x, -z, y], axis=-1).tolist()
+def files(root: Path, out: Path) -> Iterator[tuple[Motion, Path, Settings]]:
+    """What is written: a motion, or several, by the ending of a path. A door swings while somebody walks up to it."""
+    motion, scene = walked(root, out)
+    best, room = motion[0], Settings(scene=scene, t0=motion.t0)
+    for ending in ("bvh", "glb", "usd"):
+        yield best, out / f"walk.{ending}", Settings()
+        yield best, out / f"at_60.{ending}", Settings(fps=60)
+        for preset in PRESETS:
+            yield best, out / f"{preset}.{ending}", Settings(names=preset, fps=30)
+    yield motion, out / "samples.glb", room
+    yield best, out / "room.usda", room
+    yield best, out / "z_up.usdc", replace(room, up="z", unit="cm", names="mixamo")
+
+
+def walked(root: Path, out: Path) -> tuple[Motion, Scene]:
+    """A motion by the command line, made once, and its scene."""
+    task, made = root / "examples" / "tasks" / "swinging_door.toml", out / "door"
+    if not (made / "motion.npz").exists():
+        subprocess.run([sys.executable, "-m", "scenectl.cli.app", "run", task, "-o", made], cwd=root, check=True)
+    return Motion.load(made / "motion.npz"), load_task(task).load_scene()
+
+
+def exported(motion: Motion, path: Path, settings: Settings) -> Case:
+    """Write a file, and say where everything in it should be."""
+    export(motion, path, settings)
+    motions = [motion] if motion.joints.ndim == 3 else [motion[i] for i in range(len(motion.joints))]
+    fps = settings.fps or motion.fps
+    plays, rest = [], {}
+    for place, one in enumerate(motions):
+        name = path.stem if len(motions) == 1 else f"{path.stem}_{place}"
+        animation = named(Animation.of(one, name)[0], settings.names)
+        names = joint_names(animation, path.suffix)
+        rest = dict(zip(names, blenders(at_rest(animation)), strict=True))
+        plays.append(Play(name, moments(one, animation, names, fps, settings)))
+    return Case(str(path), str(path.with_suffix(path.suffix + ".png")), fps, int(path.suffix == ".bvh"), rest, plays)
+
+
+def joint_names(animation: Animation, suffix: str) -> list[str]:
+    """Names of joints as the format has them."""
+    if not suffix.startswith(".usd"):
+        return list(animation.skeleton.names)
+    from scenectl.export.usd import identifiers
+
+    return identifiers(animation.skeleton.names)
+
+
+def moments(motion: Motion, animation: Animation, names: list[str], fps: float, settings: Settings) -> list[Moment]:
+    """At times that are whole frames of the motion and of the file.
+
+    Our joints are where the motion has them, others where the animation does.
+    """
+    joints = motion.joints[motion.valid].numpy()
+    whole = [f for f in range(animation.frames) if abs(f / motion.fps * fps - round(f / motion.fps * fps)) < 1e-9]
+    found = []
+    for frame in np.array(whole)[np.linspace(0, len(whole) - 1, MOMENTS).round().astype(int)].tolist():
+        places = animation.joints[frame].copy()
+        places[animation.ours] = joints[frame]
+        moment = Moment(frame / motion.fps, dict(zip(names, blenders(places), strict=True)))
+        found.append(moment)
+    return found
 
 
 def at_rest(animation: Animation) -> np.ndarray:
@@ -62,12 +125,7 @@ def at_rest(animation: Animation) -> np.ndarray:
     return places
 
 
-def moments(motion: Motion, animation: Animation, names: list[str]) -> list[Moment]:
-    """At whole frames of both: our joints are where the motion has them, others where the animation does."""
-    every = np.linspace(0, motion.frames - 1, MOMENTS).round().astype(int)
-    found = []
-    for frame in every:
-        places = animation.joints[frame].copy()
-        places[animation.ours] = motion.joints[frame].numpy()
-        found.append(Moment(float(frame / motion.fps), dict(zip(names, blenders(places), strict=True))))
-    return found
+def blenders(points: np.ndarray) -> Any:
+    """Points (y up, facing +z) as Blender has them, z up, facing -y."""
+    x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
+    return np.stack([x, -z, y], axis=-1).tolist()
