@@ -17,6 +17,7 @@ from scenes.motion.kinematics import forward
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
 from scenes.motion.skeleton import Skeleton
+from scenes.motion.sound import check_rate
 
 RIGID = 1e-4
 """Metres by which joints may be off their skeleton's pieces and count as rigid: what a round trip keeps."""
@@ -34,6 +35,8 @@ class Animation:
         roots: places of the root, world metres, ``[T, 3]`` float64.
         fps: frames a second.
         ours: where HumanML3D's 22 joints are among the skeleton's, ``[22]``.
+        hips: places (m) of joint 1 against joint 0, ``[T, 3]``, where the root is no part of the body but a mark that
+            carries it, on the floor or at the origin; None where all joints but the root keep their offsets.
     """
 
     name: str
@@ -42,6 +45,7 @@ class Animation:
     roots: Float[np.ndarray, "T 3"]
     fps: float
     ours: Int[np.ndarray, "22"]
+    hips: Float[np.ndarray, "T 3"] | None = None
 
     @classmethod
     def of(cls, motion: Motion, name: str = "motion") -> tuple[Animation, float]:
@@ -73,31 +77,58 @@ class Animation:
         return np.arange(self.frames) / self.fps
 
     @cached_property
+    def translations(self) -> Float[np.ndarray, "T J 3"]:
+        """Places of every joint against its parent, the root's in the world, metres; constant but for root and hips."""
+        places = np.tile(np.array(self.skeleton.offsets), (self.frames, 1, 1))
+        places[:, 0] = self.roots
+        if self.hips is not None:
+            places[:, 1] = self.hips
+        return places
+
+    @cached_property
     def joints(self) -> Float[np.ndarray, "T J 3"]:
         """World positions of all joints, metres."""
-        joints: np.ndarray = forward(
-            torch.from_numpy(self.rotations), torch.from_numpy(self.roots), self.skeleton
-        ).numpy()
+        joints = forward(torch.from_numpy(self.rotations), torch.from_numpy(self.roots), self.skeleton).numpy()
+        if self.hips is not None:
+            joints[:, 1:] += _scipy(self.rotations[:, 0]).apply(self.hips - self.skeleton.offsets[1])[:, None]
         return joints
+
+    @cached_property
+    def orientations(self) -> Float[np.ndarray, "T J 4"]:
+        """Unit quaternions (w, x, y, z) of all joints against the T-pose in the world."""
+        turns = [_scipy(self.rotations[:, 0])]
+        for joint, parent in enumerate(self.skeleton.parents[1:], 1):
+            turns.append(turns[parent] * _scipy(self.rotations[:, joint]))
+        return _steady(np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1))
 
     def resampled(self, fps: float) -> Animation:
         """The same at another rate: rotations by slerp, roots by a cubic spline; the last frame still reached is last.
 
         Bones are as long as before at any rate.
+
+        Raises:
+            UserError: a rate that nobody records at.
         """
+        try:
+            check_rate(fps, self.frames)
+        except ValueError as error:
+            raise UserError(f"{fps:g} frames a second cannot be written: {error}") from error
         if fps == self.fps or self.frames < 2:
-            return replace(self, fps=fps) if self.frames < 2 else self
+            return replace(self, fps=fps)
         at = np.arange(int(self.times[-1] * fps + 1e-6) + 1) / fps
         at = np.minimum(at, self.times[-1])
         turns = [Slerp(self.times, _scipy(self.rotations[:, joint]))(at) for joint in range(self.rotations.shape[1])]
         rotations = np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1)
-        return replace(self, rotations=_steady(rotations), roots=CubicSpline(self.times, self.roots)(at), fps=fps)
+        roots, hips = (None if line is None else CubicSpline(self.times, line)(at) for line in (self.roots, self.hips))
+        return replace(self, rotations=_steady(rotations), roots=roots, hips=hips, fps=fps)
 
     def in_place(self) -> Animation:
         """The same without root motion: the root stays over the place of its first frame, and rises and sinks."""
-        roots = self.roots.copy()
-        roots[:, [0, 2]] = roots[0, [0, 2]]
-        return replace(self, roots=roots)
+        roots, hips = self.roots.copy(), None if self.hips is None else self.hips.copy()
+        for line in (roots, hips):
+            if line is not None:
+                line[:, [0, 2]] = line[0, [0, 2]]
+        return replace(self, roots=roots, hips=hips)
 
 
 def _scipy(rotations: Float[np.ndarray, "T 4"]) -> Rotation:
