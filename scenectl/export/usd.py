@@ -104,8 +104,7 @@ def _person(stage: Any, animation: Animation, axes: Axes) -> None:
 
 
 def _move(moves: Any, joints: Vt.TokenArray, animation: Animation, axes: Axes) -> None:
-    places = np.tile(axes.points(np.array(animation.skeleton.offsets)), (animation.frames, 1, 1))
-    places[:, 0] = axes.points(animation.roots)
+    places = axes.points(animation.translations)
     turns = axes.turns(animation.rotations)[..., [1, 2, 3, 0]]  # in memory, the real part comes last
     moves.CreateJointsAttr(joints)
     moves.CreateScalesAttr(Vt.Vec3hArray(len(joints), Gf.Vec3h(1)))

@@ -38,7 +38,7 @@ def measured(case: dict[str, Any]) -> dict[str, Any]:
     missing = set(case["rest"]) ^ {bone.name for bone in armature.data.bones}
     if missing:
         return {"error": f"bones here or there only: {sorted(missing)}"}
-    found: dict[str, Any] = {"scale": list(armature.matrix_world.to_scale()), "rest": rest(armature, case["rest"])}
+    found: dict[str, Any] = {"rest": rest(armature, case["rest"])}
     off: dict[str, list[float]] = {"joints": [], "mesh": [], "things": []}
     for play in case["plays"]:
         only(play["name"])
