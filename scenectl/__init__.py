@@ -20,6 +20,7 @@ _HOMES = {
     "scenectl.api": "run score",
     "scenectl.control": "ObjectiveGuide",
     "scenectl.data.formats.motions": "load_motion",
+    "scenectl.export.export": "export",
     "scenectl.generators": "load_generator",
     "scenectl.pipeline.editing": "edit",
     "scenectl.pipeline.results": "Result",
@@ -36,8 +37,8 @@ __all__ = ["__version__", *_HOME]
 def __getattr__(name: str) -> object:
     if name not in _HOME:
         raise AttributeError(f"module 'scenectl' has no attribute '{name}'")
-    globals()[name] = value = getattr(import_module(_HOME[name]), name)
-    return value
+    value = getattr(import_module(_HOME[name]), name)
+    return globals().setdefault(name, value)  # `export` is a package by then, and can be called
 
 
 def __dir__() -> list[str]:

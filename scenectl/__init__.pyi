@@ -2,6 +2,7 @@ from objectives import Context as Context, Objective as Objective, Term as Term,
 from scenectl.api import run as run, score as score
 from scenectl.control import ObjectiveGuide as ObjectiveGuide
 from scenectl.data.formats.motions import load_motion as load_motion
+from scenectl.export.export import export as export
 from scenectl.generators import load_generator as load_generator
 from scenectl.pipeline.editing import edit as edit
 from scenectl.pipeline.results import Result as Result

@@ -6,6 +6,7 @@ COMMANDS = (
     "score",
     "view",
     "edit",
+    "export",
     "goals",
     "schema",
     "scenes",

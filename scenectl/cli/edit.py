@@ -120,12 +120,12 @@ def _original(motion: Motion, sample: int, path: Path, fps: float) -> Motion:
 
 def _task(motion: Path, file: Path | None) -> Task | None:
     """The task in a file; that of the result where none is stated, and None where the motion is not a result."""
-    from scenectl.pipeline.results import load_result
-    from scenectl.tasks.task import Task, load_task
+    from scenectl.pipeline.results import load_result, task_of
+    from scenectl.tasks.task import load_task
 
     if file is not None:
         return load_task(file)
-    return Task(**load_result(motion)[1]["task"]) if (motion / "report.json").is_file() else None
+    return task_of(load_result(motion)[1]) if (motion / "report.json").is_file() else None
 
 
 def _mask(motion: Motion, regenerate: list[str], keep: list[str]) -> Bool[Tensor, " T"]:

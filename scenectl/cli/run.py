@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from scenectl.cli.clock import importing, since_start, told
 from scenectl.console.console import bars, doubt, out
 from scenectl.console.options import AllowCode, AllowUnmet, TaskFile, allow
-from scenectl.console.results import drawn, leave, show_samples
+from scenectl.console.results import drawn, leave, show_exported, show_samples
+
+if TYPE_CHECKING:
+    from scenectl.export.export import Exported
+    from scenectl.pipeline.results import Result
 
 LAPS = {"plan_s": "planning", "load_s": "loading", "generate_s": "generating", "measure_s": "measuring"}
 """What the laps of a report's `timing` are called."""
@@ -25,6 +30,9 @@ def run(
     generator: Annotated[str | None, typer.Option(help="A registered generator instead of the task's.")] = None,
     weights: Annotated[str | None, typer.Option(help="Weights to use instead of the task's.")] = None,
     preview: Annotated[bool, typer.Option(help="Draw preview.png.")] = True,
+    export: Annotated[
+        str | None, typer.Option(metavar="ENDINGS", help="Files for other tools, too, such as glb,bvh: motion.glb …")
+    ] = None,
     allow_code: AllowCode = None,
     allow_unmet: AllowUnmet = False,
 ) -> None:
@@ -45,6 +53,7 @@ def run(
     if weights is not None and weights not in ("default", *bundled_weights()) and Path(weights).is_dir():
         weights = str(Path(weights).resolve())
     loaded = loaded.with_generator(generator, weights)
+    endings = () if export is None else _endings(export)
     writable_folder(output)
     with bars() as progress:
         result = make(loaded, samples, seed, progress=progress)
@@ -52,6 +61,7 @@ def run(
         progress("writing", 0.0)
         begin = time.perf_counter()
         result.save(output, preview=False)
+        exported = _exported(result, output, endings)
         laps["writing"], begin = time.perf_counter() - begin, time.perf_counter()
         pictured = preview and drawn(result, output / "preview.png")
         laps["preview"] = time.perf_counter() - begin
@@ -60,5 +70,23 @@ def run(
     show_samples(result)
     doubt(result.report["scene"]["doubts"])
     out.print(f"wrote motion.npz{', report.json and preview.png' if pictured else ' and report.json'} in {output}")
+    for done in exported:
+        show_exported(done)
     out.print(told(laps, since_start()))
     leave(result, allow_unmet)
+
+
+def _endings(text: str) -> Sequence[str]:
+    """What `--export` asks for, refused before minutes of work."""
+    from scenectl.export.export import endings_of
+
+    return endings_of(text)
+
+
+def _exported(result: Result, folder: Path, endings: Sequence[str]) -> list[Exported]:
+    """Write what `--export` asks for."""
+    if not endings:
+        return []
+    from scenectl.export.export import export_beside
+
+    return export_beside(result.motion, folder, endings)

@@ -11,6 +11,7 @@ from scenectl.console.console import err, out, table
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
+    from scenectl.export.export import Exported
     from scenectl.pipeline.results import Result, Sample
 
 UNMET = 3
@@ -85,3 +86,15 @@ def leave(result: Result, allow_unmet: bool) -> None:
     if not result.samples[0].good and not allow_unmet:
         err.print("scenectl: no sample is both met and believable: exit status 3, or 0 with --allow-unmet")
         raise typer.Exit(UNMET)
+
+
+def show_exported(done: Exported) -> None:
+    """The files of an export, and by how much joints moved where bones were not rigid."""
+    per_file = len(done.animations) // len(done.files)
+    for place, file in enumerate(done.files):
+        held = done.animations[place * per_file : (place + 1) * per_file]
+        several = f"{len(held)} motions, " if len(held) > 1 else ""
+        frames = " and ".join(f"{count}" for count in sorted({animation.frames for animation in held}))
+        out.print(f"wrote {file}: {several}{frames} frames at {held[0].fps:g} a second")
+    if done.moved:
+        out.print(f"joints moved by {1000 * done.moved:.1f} mm at most, so that bones keep their lengths")

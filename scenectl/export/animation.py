@@ -12,11 +12,12 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from scenes.errors import UserError
+from scenes.mesh.scale import TO_Y_UP
 from scenes.motion.fitting import fitted
 from scenes.motion.kinematics import forward
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
-from scenes.motion.skeleton import Skeleton
+from scenes.motion.skeleton import FEET, HUMANML3D, Skeleton
 from scenes.motion.sound import check_rate
 
 RIGID = 1e-4
@@ -77,6 +78,15 @@ class Animation:
         return np.arange(self.frames) / self.fps
 
     @cached_property
+    def size(self) -> float:
+        """How many times as long its legs are as HumanML3D's, by its T-pose with y up."""
+        rest = np.zeros((len(self.skeleton.names), 3))
+        for parent, joint in self.skeleton.bones:
+            rest[joint] = rest[parent] + self.skeleton.offsets[joint]
+        pelvis, *feet = rest[self.ours[HUMANML3D.indices(("pelvis", *FEET))], 1]
+        return float((pelvis - np.mean(feet)) / HUMANML3D.legs)
+
+    @cached_property
     def translations(self) -> Float[np.ndarray, "T J 3"]:
         """Places of every joint against its parent, the root's in the world, metres; constant but for root and hips."""
         places = np.tile(np.array(self.skeleton.offsets), (self.frames, 1, 1))
@@ -119,7 +129,9 @@ class Animation:
         at = np.minimum(at, self.times[-1])
         turns = [Slerp(self.times, _scipy(self.rotations[:, joint]))(at) for joint in range(self.rotations.shape[1])]
         rotations = np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1)
-        roots, hips = (None if line is None else CubicSpline(self.times, line)(at) for line in (self.roots, self.hips))
+        roots, hips = CubicSpline(self.times, self.roots)(at), None
+        if self.hips is not None:
+            hips = CubicSpline(self.times, self.hips)(at)
         return replace(self, rotations=_steady(rotations), roots=roots, hips=hips, fps=fps)
 
     def in_place(self) -> Animation:
@@ -129,6 +141,22 @@ class Animation:
             if line is not None:
                 line[:, [0, 2]] = line[0, [0, 2]]
         return replace(self, roots=roots, hips=hips)
+
+    def turned(self, up: str) -> Animation:
+        """The same in a world in which another axis is up (a key of `TO_Y_UP`), and the T-pose stands along it, too.
+
+        With "z" a T-pose faces -y, as Blender has it, and x stays the left.
+        """
+        across = Rotation.from_matrix(TO_Y_UP[up].T)
+        x, y, z = across.apply(np.array(self.skeleton.offsets)).T.tolist()
+        turns = [across * _scipy(self.rotations[:, joint]) * across.inv() for joint in range(len(self.skeleton.names))]
+        return replace(
+            self,
+            skeleton=replace(self.skeleton, offsets=tuple(zip(x, y, z, strict=True))),
+            rotations=_steady(np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1)),
+            roots=across.apply(self.roots),
+            hips=None if self.hips is None else across.apply(self.hips),
+        )
 
 
 def _scipy(rotations: Float[np.ndarray, "T 4"]) -> Rotation:

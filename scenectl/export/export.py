@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
+from scenectl.data.formats.people import UNITS
 from scenectl.export.animation import Animation
 from scenectl.export.names import named
 from scenectl.export.settings import Settings
-from scenes.errors import UserError
+from scenes.errors import UserError, did_you_mean
+from scenes.files import replaceable
 from scenes.motion.motion import Motion
 
-FORMATS = {".bvh": "bvh", ".glb": "glb", ".usd": "usd", ".usda": "usd", ".usdc": "usd", ".csv": "csv", ".npz": "npz"}
+FORMATS = {
+    ".bvh": "bvh",
+    ".glb": "glb",
+    ".vrm": "glb",
+    ".usd": "usd",
+    ".usda": "usd",
+    ".usdc": "usd",
+    ".csv": "csv",
+    ".npz": "npz",
+}
 """By the ending of a file, the module of this package that writes it (`Format`)."""
+_ALWAYS = {"fps", "root_motion", "names", "t0"}
+_UPS = ("y", "z")
 
 
 class Format(Protocol):
@@ -23,7 +36,7 @@ class Format(Protocol):
 
     Attributes:
         SEVERAL: whether a file holds several animations; otherwise each comes into a file of its own.
-        TAKES: names of the fields of `Settings`, beyond `fps`, `root_motion` and `names`, that it heeds.
+        TAKES: names of the fields of `Settings`, beyond `fps`, `root_motion`, `names` and `t0`, that it heeds.
     """
 
     SEVERAL: bool
@@ -39,24 +52,32 @@ class Exported:
 
     Attributes:
         files: the files.
+        animations: what they hold, in order.
         moved: by how much (m) joints moved at most, where a motion's pieces were not rigid; else 0.
     """
 
     files: tuple[Path, ...]
+    animations: tuple[Animation, ...]
     moved: float
 
 
 def export(motion: Motion, path: str | Path, settings: Settings | None = None, **stated: Any) -> Exported:
     """Write one motion ``[T, 22, 3]`` or several ``[S, T, 22, 3]``; see `Settings` for what may be stated by name.
 
+    Several come into one file where the format holds them, and else into a file each, `NAME_0` and so on. Each file is
+    written whole, or what was there before stays.
+
     Raises:
-        UserError: an ending that no format has, what the format cannot hold, or a path that cannot be written.
+        UserError: an ending that no format has, what the format does not heed or cannot hold, or a path that cannot be
+            written.
     """
-    path, settings = Path(path), replace(settings or Settings(), **stated)
-    if path.suffix.lower() not in FORMATS:
-        raise UserError(f"'{path}' ends with '{path.suffix}'; {', '.join(FORMATS)} are written")
-    form: Format = import_module(f"scenectl.export.{FORMATS[path.suffix.lower()]}")
+    path = Path(path)
+    settings = replace(settings or Settings(), **{"t0": motion.t0, **stated})
+    form = format_of(path)
+    check(settings, path)
     motions = [motion] if motion.joints.ndim == 3 else [motion[i] for i in range(len(motion.joints))]
+    if not motions:
+        raise UserError("there is no motion to export; make one")
     animations, moved = [], 0.0
     for place, one in enumerate(motions):
         animation, by = Animation.of(one, path.stem if len(motions) == 1 else f"{path.stem}_{place}")
@@ -65,8 +86,57 @@ def export(motion: Motion, path: str | Path, settings: Settings | None = None, *
         moved = max(moved, by)
     if form.SEVERAL or len(animations) == 1:
         form.write(animations, path, settings)
-        return Exported((path,), moved)
-    files = tuple(path.with_stem(animation.name) for animation in animations)
+        return Exported((path,), tuple(animations), moved)
+    files = tuple(replaceable(path.with_stem(animation.name)) for animation in animations)
     for animation, file in zip(animations, files, strict=True):
         form.write([animation], file, settings)
-    return Exported(files, moved)
+    return Exported(files, tuple(animations), moved)
+
+
+def format_of(path: Path) -> Format:
+    """The format of a file by its ending; raises UserError for none, or one that is not written."""
+    ending = path.suffix.lower()
+    if ending in FORMATS:
+        form: Format = import_module(f"scenectl.export.{FORMATS[ending]}")
+        return form
+    what = f"ends with '{path.suffix}'" if ending else "has no ending that tells its format"
+    raise UserError(f"'{path}' {what}; {', '.join(FORMATS)} are written")
+
+
+def check(settings: Settings, path: Path) -> None:
+    """Raise UserError for values that no format knows, and for what the format of a file does not heed."""
+    ending, takes = path.suffix.lower(), format_of(path).TAKES | _ALWAYS
+    for field in fields(Settings):
+        if field.name not in takes and getattr(settings, field.name) != field.default:
+            raise UserError(f"{ending} files take no {field.name}; leave --{field.name} out")
+    for what, value, known in (("unit", settings.unit, UNITS), ("up axis", settings.up, _UPS)):
+        if value is not None and value not in known:
+            raise UserError(f"unknown {what} '{value}'{did_you_mean(value, known)}")
+    if settings.joints is not None and settings.character is None:
+        raise UserError("joints are named for a character; state --character, too, or leave --joints out")
+    if settings.character is not None and settings.names != Settings.names:
+        raise UserError("a character's joints keep its own names; leave --names out")
+    if ending == ".vrm" and (settings.character is None or Path(settings.character).suffix.lower() != ".vrm"):
+        raise UserError("a .vrm file is a VRM character; give one with --character, or write a .glb file")
+
+
+def export_beside(motion: Motion, folder: Path, endings: Sequence[str]) -> list[Exported]:
+    """Write `motion.ENDING` into a folder for every ending: all motions where a format holds several, else the first.
+
+    Args:
+        motion: ``[S, T, 22, 3]``, the best first.
+        folder: of a result.
+        endings: as `endings_of` returns them.
+    """
+    files = [folder / f"motion{ending}" for ending in endings]
+    return [export(motion if format_of(file).SEVERAL else motion[0], file) for file in files]
+
+
+def endings_of(text: str) -> list[str]:
+    """The endings in a list such as "glb,bvh"; raises UserError for one that is not written, or is a result's own."""
+    endings = [f".{word.strip().removeprefix('.').lower()}" for word in text.split(",")]
+    for ending in endings:
+        if ending == ".npz":
+            raise UserError("motion.npz is the result itself; other layouts of .npz are written by scenectl export")
+        check(Settings(), Path(f"motion{ending}" if ending != "." else "motion"))
+    return list(dict.fromkeys(endings))

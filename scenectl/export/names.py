@@ -10,7 +10,7 @@ import numpy as np
 from scenectl.export.animation import Animation
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError, did_you_mean
-from scenes.motion.skeleton import FEET, Skeleton
+from scenes.motion.skeleton import FEET, Skeleton, size_of
 
 # Mixamo's characters; Epic's mannequin of Unreal Engine 5 (Manny, Quinn); Unity's HumanBodyBones; humanoid bones of
 # VRM 1.0; NVIDIA's SOMA, as Kimodo writes it and soma-retargeter reads it. Fingers, twist bones, eyes and jaws, which
@@ -83,18 +83,23 @@ def named(animation: Animation, preset: str) -> Animation:
     roots = np.zeros_like(animation.roots)
     if "floor" in at:
         roots[:] = animation.roots
-        roots[:, 1] = animation.joints[:, own.indices(FEET), 1].min() - DEFAULT_BODY.sole_offset
+        roots[:, 1] = animation.joints[:, own.indices(FEET), 1].min() - _sole(own)
     return replace(made, roots=roots, hips=animation.roots - roots)
 
 
 def _hung(joint: str, at: Mapping[str, int], own: Skeleton) -> tuple[int, tuple[float, float, float]]:
     """Parent and offset (m) of a row's joint, by the rows of a preset and our own skeleton."""
-    first, _, last = joint.partition("~")
+    last = joint.partition("~")[2]
     end = last or joint
     above = own.names[own.parents[own.index(end)]] if end in own.names and end != "pelvis" else ""
     if not above:  # a root, or the pelvis, which stands on one as in the T-pose
-        return at[joint] - 1, (0.0, own.legs + DEFAULT_BODY.sole_offset if at[joint] else 0.0, 0.0)
+        return at[joint] - 1, (0.0, own.legs + _sole(own) if at[joint] else 0.0, 0.0)
     halved = f"{above}~{end}" in at
     parent = at[f"{above}~{end}"] if halved and not last else at[above]
     x, y, z = np.array(own.offsets[own.index(end)]) * (0.5 if halved else 1.0)
     return parent, (float(x), float(y), float(z))
+
+
+def _sole(skeleton: Skeleton) -> float:
+    """From the lowest foot joint down to the sole (m)."""
+    return DEFAULT_BODY.sole_offset * size_of(skeleton)

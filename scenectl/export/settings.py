@@ -20,7 +20,7 @@ class Settings:
         unit: of lengths, a key of `scenectl.data.formats.people.UNITS`.
         scene: the room, to be written with the motion.
         t0: time (s) of the motion's first frame on the clock of what moves in the scene.
-        layout: of an NPZ file.
+        layout: of an NPZ file, one of `scenectl.export.npz.LAYOUTS`.
         character: a skinned character to play the motion instead of our mannequin.
         joints: {our joint: the character's}, where its names say too little.
     """
@@ -32,6 +32,6 @@ class Settings:
     unit: str | None = None
     scene: Scene | None = None
     t0: float = 0.0
-    layout: str = "joints"
+    layout: str | None = None
     character: Path | None = None
     joints: dict[str, str] | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -18,6 +18,7 @@ from scenectl.measures.believability.judge import Series
 from scenectl.measures.believability.verdict import Verdict
 from scenectl.pipeline.tables import ReportTable
 from scenectl.tasks.setup import Setup
+from scenectl.tasks.task import Task
 from scenes.errors import UserError
 from scenes.files import MOST_BYTES, atomic_write, read_arrays, read_text, replaceable
 from scenes.motion.frames import Place, shifted
@@ -136,6 +137,11 @@ def load_result(folder: str | Path) -> tuple[Motion, dict[str, Any]]:
                 "task again"
             )
     return motion, report
+
+
+def task_of(report: Mapping[str, Any]) -> Task:
+    """The task that a report of `load_result` is of, which loads its scene and body."""
+    return Task(**report["task"])
 
 
 def _report(path: Path) -> dict[str, Any]:

@@ -45,14 +45,13 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     """One motion of a folder that `scenectl run` wrote; raises UserError for another folder or a missing sample."""
     from objectives import Objective
     from scenectl.data.formats.motions import one_of
-    from scenectl.pipeline.results import load_result
+    from scenectl.pipeline.results import load_result, task_of
     from scenectl.tasks.setup import start_of
-    from scenectl.tasks.task import Task
     from scenectl.tasks.walk import walk_terms
 
     motion, report = load_result(folder)
     one = one_of(motion, sample, folder)
-    task = Task(**report["task"])
+    task = task_of(report)
     planned, scene = report.get("walk"), task.load_scene()
     body = task.load_body()
     origin = task.origin(scene, start_of(one, body))

@@ -1,0 +1,104 @@
+"""`scenectl export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from scenectl.cli.clock import importing
+from scenectl.console.options import MotionFile, motion_read
+from scenectl.console.results import show_exported
+from scenes.errors import UserError
+
+if TYPE_CHECKING:
+    from scenes.world.scene import Scene
+
+_FOREIGN = "Of MOTION, where its file does not say"
+
+
+def export(
+    motion: MotionFile,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help=".bvh, .glb, .vrm, .usd, .usda, .usdc, .csv or .npz.")
+    ],
+    room: Annotated[
+        str | None, typer.Argument(metavar="[SCENE]", help="The scene's file, where it is not a result's own.")
+    ] = None,
+    sample: Annotated[
+        int | None, typer.Option(min=0, help="Which motion of a result; 0, the best, by default.")
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="All motions: in one file where the format holds them.")] = False,
+    fps: Annotated[float | None, typer.Option(help="Frames a second of FILE; the motion's by default.")] = None,
+    root_motion: Annotated[
+        str, typer.Option(metavar="on|off", help="Whether the root walks, or stays over the place of its first frame.")
+    ] = "on",
+    names: Annotated[str, typer.Option(help="Of joints: humanml, mixamo, unreal, unity, vrm or soma.")] = "humanml",
+    up: Annotated[str | None, typer.Option(help="FILE's axis that is up: y or z.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Of FILE: m, cm, mm, in or ft.")] = None,
+    scene: Annotated[
+        bool, typer.Option("--scene", help="With the scene: SCENE, or else that of the result's report.")
+    ] = False,
+    layout: Annotated[str | None, typer.Option(help="Of an .npz file: joints or bodies.")] = None,
+    character: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A skinned character (.glb, .vrm) that plays the motion.")
+    ] = None,
+    joints: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MAPPING", help="A TOML or JSON table {our joint: the character's}, where names don't tell."
+        ),
+    ] = None,
+    from_fps: Annotated[float | None, typer.Option(help=f"{_FOREIGN}: frames a second.")] = None,
+    from_unit: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: m, cm, mm, in or ft.")] = None,
+    from_up: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: the axis that is up, x, y or z.")] = None,
+) -> None:
+    """Write a motion as a file that other tools open: BVH, glTF, USD, CSV or NumPy."""
+    with importing():
+        from scenectl.data.formats.motions import one_of
+        from scenectl.export.export import check, export as write
+        from scenectl.export.settings import Settings
+
+    if root_motion not in ("on", "off"):
+        raise UserError(f"--root-motion is '{root_motion}'; give on or off")
+    if every and sample is not None:
+        raise UserError("--all and --sample exclude each other; leave one out")
+    if motion.is_dir() and (from_fps, from_unit, from_up) != (None, None, None):
+        raise UserError(f"--from-... are for files of others, and '{motion}' is a result; leave them out")
+    mapping = None if joints is None else _mapping(joints)
+    stated: dict[str, Any] = {"fps": fps, "names": names, "up": up, "unit": unit, "layout": layout}
+    settings = Settings(root_motion=root_motion == "on", character=character, joints=mapping, **stated)
+    check(settings, output)
+    made = motion_read(motion, from_fps, from_unit, from_up)
+    made = made if every else one_of(made, sample or 0, motion)
+    room_of = _scene(motion, room) if scene or room is not None else None
+    show_exported(write(made, output, settings, scene=room_of))
+
+
+def _scene(motion: Path, room: str | None) -> Scene:
+    """The scene in a file, or that of a result's report."""
+    from scenectl.pipeline.results import load_result, task_of
+    from scenes.world.named import named_scene
+
+    if room is not None:
+        return named_scene(room)
+    if not (motion / "report.json").is_file():
+        raise UserError(f"'{motion}' is no result whose report tells of a scene; give its file, as in --scene room.glb")
+    return task_of(load_result(motion)[1]).load_scene()
+
+
+def _mapping(path: Path) -> dict[str, str]:
+    """{our joint: theirs} of a TOML or JSON file; raises UserError for anything else."""
+    from scenes.files import read_json, read_toml
+    from scenes.motion.skeleton import HUMANML3D
+
+    what = "joint mapping"
+    table = read_json(path, what, "correct it") if path.suffix.lower() == ".json" else read_toml(path, what)
+    if not isinstance(table, dict) or not all(isinstance(name, str) for name in table.values()):
+        raise UserError(f"{what} '{path}' is no table of names; write lines such as left_knee = \"LeftLeg\"")
+    try:
+        HUMANML3D.indices([*table])
+    except UserError as error:
+        raise UserError(f"{what} '{path}': {error}") from error
+    return table
