@@ -16,6 +16,7 @@ from scenectl.export.export import export
 from scenectl.export.names import PRESETS, named
 from scenectl.export.settings import Settings
 from scenectl.tasks.task import load_task
+from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
 
@@ -59,7 +60,7 @@ def files(root: Path, out: Path) -> Iterator[tuple[Motion, Path, Settings]]:
     """What is written: a motion, or several, by the ending of a path. A door swings while somebody walks up to it."""
     motion, scene = walked(root, out)
     best, room = motion[0], Settings(scene=scene, t0=motion.t0)
-    for ending in ("usd",):
+    for ending in ("bvh", "glb", "usd"):
         yield best, out / f"walk.{ending}", Settings()
         yield best, out / f"at_60.{ending}", Settings(fps=60)
         for preset in PRESETS:
@@ -88,7 +89,7 @@ def exported(motion: Motion, path: Path, settings: Settings) -> Case:
         name = path.stem if len(motions) == 1 else f"{path.stem}_{place}"
         animation = named(Animation.of(one, name)[0], settings.names)
         names = joint_names(animation, path.suffix)
-        rest = dict(zip(names, blenders(at_rest(animation)), strict=True))
+        rest = dict(zip(names, blenders(rest_pose(animation.skeleton).numpy()), strict=True))
         plays.append(Play(name, moments(one, animation, names, fps, settings)))
     return Case(str(path), str(path.with_suffix(path.suffix + ".png")), fps, int(path.suffix == ".bvh"), rest, plays)
 
@@ -116,14 +117,6 @@ def moments(motion: Motion, animation: Animation, names: list[str], fps: float, 
         moment = Moment(frame / motion.fps, dict(zip(names, blenders(places), strict=True)))
         found.append(moment)
     return found
-
-
-def at_rest(animation: Animation) -> np.ndarray:
-    """Joints in the T-pose, ``[J, 3]``, from the root."""
-    places = np.zeros((len(animation.skeleton.names), 3))
-    for parent, joint in animation.skeleton.bones:
-        places[joint] = places[parent] + animation.skeleton.offsets[joint]
-    return places
 
 
 def blenders(points: np.ndarray) -> Any:
