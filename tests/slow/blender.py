@@ -50,8 +50,9 @@ def measured(case: dict[str, Any]) -> dict[str, Any]:
             for name, corners in moment["things"].items():
                 off["things"].append(apart(drawn(lambda thing, name=name: within(thing, name)), np.array(corners)))
     found |= {what: max(values) for what, values in off.items() if values}
-    only(case["plays"][0]["name"])
-    picture(armature, case)
+    if case["picture"]:
+        only(case["plays"][0]["name"])
+        picture(armature, case)
     return found
 
 
@@ -145,7 +146,7 @@ def picture(armature: Any, case: dict[str, Any]) -> None:
     lamp = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
     lamp.data.energy, lamp.rotation_euler = 3.0, (0.6, 0.3, 0.4)
     scene.collection.objects.link(lamp)
-    if not any(moment["things"]):
+    if not moment["things"]:
         bpy.ops.mesh.primitive_plane_add(size=6, location=(centre.x, centre.y, 0))
     scene.world = bpy.data.worlds.new("world")
     scene.world.color = (0.6, 0.6, 0.6)

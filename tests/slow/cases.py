@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from scenectl.export.animation import Animation
 from scenectl.export.export import export
+from scenectl.export.mannequin import Mannequin
 from scenectl.export.names import PRESETS, named
 from scenectl.export.settings import Settings
 from scenectl.tasks.task import load_task
@@ -43,7 +45,7 @@ class Play:
 
 @dataclass
 class Case:
-    """A file, what it should show, the frame of its first moment in Blender, and where a picture goes."""
+    """A file, what it should show, the frame of its first moment in Blender, and where a picture goes, if one does."""
 
     file: str
     picture: str
@@ -60,13 +62,12 @@ def files(root: Path, out: Path) -> Iterator[tuple[Motion, Path, Settings]]:
     """What is written: a motion, or several, by the ending of a path. A door swings while somebody walks up to it."""
     motion, scene = walked(root, out)
     best, room = motion[0], Settings(scene=scene, t0=motion.t0)
-    for ending in ("bvh", "glb", "usd"):
+    for ending in ("bvh", "usd"):
         yield best, out / f"walk.{ending}", Settings()
         yield best, out / f"at_60.{ending}", Settings(fps=60)
         for preset in PRESETS:
             yield best, out / f"{preset}.{ending}", Settings(names=preset, fps=30)
-    return
-    yield motion, out / "samples.glb", room
+    # yield motion, out / "samples.glb", room
     yield best, out / "room.usda", room
     yield best, out / "z_up.usdc", replace(room, up="z", unit="cm", names="mixamo")
 
@@ -84,14 +85,15 @@ def exported(motion: Motion, path: Path, settings: Settings) -> Case:
     export(motion, path, settings)
     motions = [motion] if motion.joints.ndim == 3 else [motion[i] for i in range(len(motion.joints))]
     fps = settings.fps or motion.fps
+    picture = "" if settings.fps else f"{path}.png"  # where nothing else differs
     plays, rest = [], {}
     for place, one in enumerate(motions):
         name = path.stem if len(motions) == 1 else f"{path.stem}_{place}"
         animation = named(Animation.of(one, name)[0], settings.names)
         names = joint_names(animation, path.suffix)
         rest = dict(zip(names, blenders(rest_pose(animation.skeleton).numpy()), strict=True))
-        plays.append(Play(name, moments(one, animation, names, fps, settings)))
-    return Case(str(path), str(path.with_suffix(path.suffix + ".png")), fps, int(path.suffix == ".bvh"), rest, plays)
+        plays.append(Play(name, moments(one, animation, names, fps, settings, path.suffix)))
+    return Case(str(path), picture, fps, int(path.suffix == ".bvh"), rest, plays)
 
 
 def joint_names(animation: Animation, suffix: str) -> list[str]:
@@ -103,7 +105,7 @@ def joint_names(animation: Animation, suffix: str) -> list[str]:
     return identifiers(animation.skeleton.names)
 
 
-def moments(motion: Motion, animation: Animation, names: list[str], fps: float, settings: Settings) -> list[Moment]:
+def moments(motion: Motion, animation: Animation, names: list[str], fps: float, settings: Settings, suffix: str) -> list[Moment]:
     """At times that are whole frames of the motion and of the file.
 
     Our joints are where the motion has them, others where the animation does.
@@ -115,8 +117,28 @@ def moments(motion: Motion, animation: Animation, names: list[str], fps: float, 
         places = animation.joints[frame].copy()
         places[animation.ours] = joints[frame]
         moment = Moment(frame / motion.fps, dict(zip(names, blenders(places), strict=True)))
+        if suffix == ".bvh" and animation.hips is not None:
+            del moment.joints[names[0]]  # no part of the body; it carries the pelvis, which has no place of its own
+        if suffix != ".bvh":
+            moment.mesh = blenders(skinned(animation, frame))
+        if settings.scene is not None:
+            seen = (*settings.scene.meshes, *(thing.mesh(motion.t0 + moment.time) for thing in settings.scene.objects))
+            moment.things = {mesh.name: blenders(mesh.vertices[np.unique(mesh.faces)]) for mesh in seen}
         found.append(moment)
     return found
+
+
+def skinned(animation: Animation, frame: int) -> np.ndarray:
+    """Corners of the mannequin, each where its joints carry it, ``[V, 3]``."""
+    skin, ours = Mannequin.of(animation), animation.ours
+    rest = rest_pose(animation.skeleton).numpy()[ours]
+    rest -= rest[0]
+    moved = np.zeros_like(skin.vertices)
+    for joint, place in enumerate(animation.joints[frame, ours]):
+        turn = Rotation.from_quat(animation.orientations[frame, ours[joint]], scalar_first=True)
+        share = np.where(skin.joints == joint, skin.weights, 0.0).sum(axis=1)[:, None]
+        moved += share * (turn.apply(skin.vertices - rest[joint]) + place)
+    return moved
 
 
 def blenders(points: np.ndarray) -> Any:
