@@ -105,7 +105,9 @@ def joint_names(animation: Animation, suffix: str) -> list[str]:
     return identifiers(animation.skeleton.names)
 
 
-def moments(motion: Motion, animation: Animation, names: list[str], fps: float, settings: Settings, suffix: str) -> list[Moment]:
+def moments(
+    motion: Motion, animation: Animation, names: list[str], fps: float, settings: Settings, suffix: str
+) -> list[Moment]:
     """At times that are whole frames of the motion and of the file.
 
     Our joints are where the motion has them, others where the animation does.
