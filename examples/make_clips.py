@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import scenectl as sc
-from scenectl.export.bvh import write_bvh
 
 WAVE = {"kind": "sinusoid", "start": [-0.42, 1.72, 0.22], "end": [-0.42, 1.72, 0.22], "amplitude": [0.16, -0.02, 0.0]}
 TASK = {
@@ -34,5 +33,5 @@ if __name__ == "__main__":
     folder.mkdir(exist_ok=True)
     result = sc.run(sc.Task(**TASK))
     print(result.samples[0].verdict.sentence)
-    write_bvh(result.motion[0], folder / "wave.bvh")
+    sc.export(result.motion[0], folder / "wave.bvh")
     print(f"{folder / 'wave.bvh'}  {(folder / 'wave.bvh').stat().st_size / 1024:.1f} kB")

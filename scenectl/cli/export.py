@@ -26,9 +26,7 @@ def export(
     room: Annotated[
         str | None, typer.Argument(metavar="[SCENE]", help="The scene's file, where it is not a result's own.")
     ] = None,
-    sample: Annotated[
-        int | None, typer.Option(min=0, help="Which motion of a result; 0, the best, by default.")
-    ] = None,
+    sample: Annotated[int | None, typer.Option(min=0, help="Which motion of a result; the best by default.")] = None,
     every: Annotated[bool, typer.Option("--all", help="All motions: in one file where the format holds them.")] = False,
     fps: Annotated[float | None, typer.Option(help="Frames a second of FILE; the motion's by default.")] = None,
     root_motion: Annotated[
@@ -46,9 +44,7 @@ def export(
     ] = None,
     joints: Annotated[
         Path | None,
-        typer.Option(
-            metavar="MAPPING", help="A TOML or JSON table {our joint: the character's}, where names don't tell."
-        ),
+        typer.Option(metavar="MAPPING", help="TOML or JSON: {our joint: the character's}, where names don't tell."),
     ] = None,
     from_fps: Annotated[float | None, typer.Option(help=f"{_FOREIGN}: frames a second.")] = None,
     from_unit: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: m, cm, mm, in or ft.")] = None,

@@ -1,9 +1,9 @@
 """From the joint names of other people's skeletons to the 22 joints.
 
-Mixamo, LAFAN1, the two common conversions of CMU's captures, 3ds Max, Bandai Namco, Acclaim bones and SMPL name the
-same joints differently, and one word can mean two joints: ``LeftShoulder`` is the collar where there is a ``LeftArm``,
-and the shoulder where there is a ``LeftCollar``. Names are therefore reduced to a side and a part, and the parts of
-a joint are tried in order, each file joint being used once.
+Mixamo, LAFAN1, NVIDIA's SOMA, the two common conversions of CMU's captures, 3ds Max, Bandai Namco, Acclaim bones and
+SMPL name the same joints differently, and one word can mean two joints: ``LeftShoulder`` is the collar where there is a
+``LeftArm``, and the shoulder where there is a ``LeftCollar``. Names are therefore reduced to a side and a part, and the
+parts of a joint are tried in order, each file joint being used once.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scenes.motion.skeleton import HUMANML3D
 
 # The order matters: a joint takes the first part that is there and not taken by a joint above it.
 _LIMBS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("hip", ("upleg", "upperleg", "thigh", "thighbend", "femur", "hip")),
+    ("hip", ("upleg", "upperleg", "thigh", "thighbend", "femur", "hip", "leg")),  # of SOMA, whose knees are shins
     ("knee", ("knee", "lowleg", "lowerleg", "shin", "calf", "tibia", "leg")),
     ("ankle", ("ankle", "foot")),
     ("foot", ("toebase", "toe", "toes", "toe0", "ball", "forefoot", "foot")),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from scenectl.data.formats.people import UNITS
 from scenectl.export.animation import Animation
@@ -31,6 +31,7 @@ _ALWAYS = {"fps", "root_motion", "names", "t0"}
 _UPS = ("y", "z")
 
 
+@runtime_checkable
 class Format(Protocol):
     """A module that writes files.
 

@@ -94,11 +94,11 @@ def written(save: Callable[[Path], object], name: str) -> bytes:
 
 @cache
 def bvh() -> bytes:
-    from scenectl.export.bvh import write_bvh
+    from scenectl.export.export import export
     from scenes.motion.motion import Motion
     from tests.scenectl.small import walk
 
-    return written(lambda path: write_bvh(Motion(walk(40)), path), "a.bvh")
+    return written(lambda path: export(Motion(walk(40)), path), "a.bvh")
 
 
 @cache

@@ -19,7 +19,9 @@ import torch
 
 from objectives import Term
 from scenectl.bench.engine import Engine
-from scenectl.export.bvh import write_bvh
+from scenectl.export import bvh
+from scenectl.export.animation import Animation
+from scenectl.export.settings import Settings
 from scenectl.generators.mscot.training.stages import MSCoTRecipe
 from scenectl.tasks.task import load_task
 from scenectl.training.recipe import load_recipe
@@ -66,7 +68,7 @@ WRITES: dict[str, Callable[[Path], Any]] = {
     "report.json": lambda path: write_json({"a": [1.0] * 10_000}, path),
     "small.json": lambda path: write_json({}, path),
     "grid.npz": lambda path: bake(Box((0, 0, 0), (1, 1, 1)).mesh(), 16, cache=None).grid.save(path),
-    "walk.bvh": lambda path: write_bvh(person(), path),
+    "walk.bvh": lambda path: bvh.write([Animation.of(person())[0]], path, Settings()),
     "preview.png": png,
 }
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from scenectl.export.bvh import write_bvh
+from scenectl.export.export import export
 from scenectl.generators.mscot.sampling import MSCoT
 from scenes.motion.motion import Motion
 from tests.scenectl.small import bundle, walk
@@ -31,7 +31,7 @@ def task(tmp_path: Path) -> Path:
 def files(folder: Path) -> dict[str, Path]:
     np.save(folder / "x.npy", WALK.numpy())
     np.savez(folder / "x.npz", joints=WALK.numpy())
-    write_bvh(Motion(WALK), folder / "x.bvh")
+    export(Motion(WALK), folder / "x.bvh")
     return {suffix: folder / f"x.{suffix}" for suffix in ("npy", "npz", "bvh")}
 
 

@@ -14,7 +14,7 @@ import torch
 import scenectl as sc
 from objectives import FloorPoint, Point, forget
 from scenectl.data.formats.bvh import load_bvh
-from scenectl.export.bvh import write_bvh
+from scenectl.export.export import export
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.pipeline.editing import edited, mask_of
 from scenectl.pipeline.run import run, score
@@ -164,8 +164,8 @@ def test_edits_keep_what_is_kept_and_make_the_same(tmp_path: Path) -> None:
     assert close(b.motion.joints, a.motion.joints, o)
     assert (b.motion.joints[:, :20] - there.joints[:20]).abs().max() < 1e-5
     assert a.samples[0].metrics == pytest.approx(b.samples[0].metrics, abs=1e-4)
-    write_bvh(there, tmp_path / "there.bvh")
-    write_bvh(here, tmp_path / "here.bvh")
+    export(there, tmp_path / "there.bvh")
+    export(here, tmp_path / "here.bvh")
     assert close(load_bvh(tmp_path / "there.bvh").joints, load_bvh(tmp_path / "here.bvh").joints, o)
 
 

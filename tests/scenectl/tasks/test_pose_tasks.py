@@ -12,7 +12,7 @@ import torch
 from jsonschema import Draft202012Validator
 
 from objectives import Objective
-from scenectl.export.bvh import write_bvh
+from scenectl.export.export import export
 from scenectl.generators.mscot.settings import SPEC
 from scenectl.tasks.conditions import conditions_of
 from scenectl.tasks.json_schema import task_schema
@@ -30,7 +30,7 @@ def folder(tmp_path: Path) -> Path:
     times = torch.arange(61)[:, None, None] / 30
     clip = Motion(standing(61, dtype=torch.float32) + times * torch.tensor([0.0, 0.0, 1.0]), fps=30.0)
     (tmp_path / "clips").mkdir()
-    write_bvh(clip, tmp_path / "clips" / "ahead.bvh")
+    export(clip, tmp_path / "clips" / "ahead.bvh")
     clip.save(tmp_path / "clips" / "ahead.npz")
     np.save(tmp_path / "clips" / "ahead.npy", clip.joints.numpy())
     return tmp_path

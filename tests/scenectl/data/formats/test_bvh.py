@@ -15,7 +15,7 @@ from scenectl.bench.studies.rotations import animated
 from scenectl.data.formats.bvh import BvhFile, convert_bvh, load_bvh, read_bvh
 from scenectl.data.formats.people import UNITS
 from scenectl.data.joint_names import match_joints
-from scenectl.export.bvh import write_bvh
+from scenectl.export.export import export
 from scenes.errors import UserError
 from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
@@ -268,7 +268,7 @@ def real_clip(shared: Path, clip: int) -> torch.Tensor:
 def test_what_is_written_is_read_back(unit: str, fps: float, tmp_path: Path) -> None:
     skeleton = with_lengths(HUMANML3D, np.linspace(0.9, 1.1, 22) * HUMANML3D.bone_lengths)
     motion = rigid(replace(animated(50, seed=int(fps))[1], fps=fps), skeleton)
-    assert write_bvh(motion, tmp_path / "out.bvh", unit=unit) == 0
+    assert export(motion, tmp_path / "out.bvh", unit=unit).moved == 0
     file = read_bvh(tmp_path / "out.bvh")
     assert [name for name in file.names if not name.endswith(".end")] == [
         HUMANML3D.names[joint] for joint in tree_order(HUMANML3D.parents)
@@ -283,7 +283,7 @@ def test_what_is_written_is_read_back(unit: str, fps: float, tmp_path: Path) -> 
 def test_real_motion_is_fitted_and_survives_writing(tmp_path: Path, shared: Path) -> None:
     for number in (3, 400, 700):
         joints = real_clip(shared, number)
-        moved = write_bvh(Motion(joints), tmp_path / "out.bvh")
+        moved = export(Motion(joints), tmp_path / "out.bvh").moved
         away = (load_bvh(tmp_path / "out.bvh").joints - joints).norm(dim=-1)
         assert float(away.max()) == pytest.approx(moved, abs=1e-4)
         assert 0 < moved < 0.03 and away.mean() < 0.01  # captured spines bend within pelvis and chest by millimetres
@@ -292,7 +292,7 @@ def test_real_motion_is_fitted_and_survives_writing(tmp_path: Path, shared: Path
 def test_files_of_older_versions_are_read(tmp_path: Path) -> None:
     """They had a joint of length zero, ``<parent>_to_<child>``, for each bone that leaves a joint which branches."""
     motion = animated(30, seed=5)[1]
-    write_bvh(motion, tmp_path / "new.bvh")
+    export(motion, tmp_path / "new.bvh")
     new = read_bvh(tmp_path / "new.bvh")
     names, parents, offsets, channels, columns = [], [], [], [], []
     at, taken = {-1: -1}, 0
@@ -317,7 +317,7 @@ def test_files_of_older_versions_are_read(tmp_path: Path) -> None:
 
 
 def test_written_angles_do_not_jump(tmp_path: Path, shared: Path) -> None:
-    write_bvh(Motion(real_clip(shared, 400)), tmp_path / "out.bvh")
+    export(Motion(real_clip(shared, 400)), tmp_path / "out.bvh")
     values = read_bvh(tmp_path / "out.bvh").values
     assert np.abs(np.diff(values[:, 3:6], axis=0)).max() < 30  # degrees a frame, of the root
 
@@ -325,14 +325,12 @@ def test_written_angles_do_not_jump(tmp_path: Path, shared: Path) -> None:
 def test_padding_is_not_written(tmp_path: Path, shared: Path) -> None:
     joints = torch.from_numpy(np.load(shared / "data" / "humanml3d" / "012314_new_joints.npy"))
     valid = torch.arange(len(joints)) < 50
-    write_bvh(Motion(joints, valid), tmp_path / "out.bvh")
+    export(Motion(joints, valid), tmp_path / "out.bvh")
     assert load_bvh(tmp_path / "out.bvh").frames == 50
     with pytest.raises(UserError, match="valid frame"):
-        write_bvh(Motion(joints, torch.zeros_like(valid)), tmp_path / "out.bvh")
-    with pytest.raises(UserError, match=r"choose one with motion\[i\]"):
-        write_bvh(Motion(joints[None]), tmp_path / "out.bvh")
-    with pytest.raises(UserError, match="did you mean 'cm'"):
-        write_bvh(Motion(joints), tmp_path / "out.bvh", unit="cms")
+        export(Motion(joints, torch.zeros_like(valid)), tmp_path / "out.bvh")
+    export(Motion(joints[None], valid[None]), tmp_path / "one.bvh")
+    assert (tmp_path / "one.bvh").read_bytes() == (tmp_path / "out.bvh").read_bytes()
 
 
 BREAKS = {

@@ -14,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 from scenectl.data.features import joints_to_features
 from scenectl.data.formats.motions import load_motion, one_of, read_motion
 from scenectl.data.formats.people import UNITS
-from scenectl.export.bvh import write_bvh
+from scenectl.export.export import export
 from scenes.errors import UserError
 from scenes.mesh.scale import TO_Y_UP
 from scenes.motion.kinematics import forward
@@ -95,7 +95,7 @@ def test_other_people_keep_their_proportions(tmp_path: Path) -> None:
     own = with_lengths(HUMANML3D, np.linspace(0.9, 1.1, 22) * HUMANML3D.bone_lengths)
     rigid(taller, own).save(tmp_path / "own.npz")
     assert load_motion(tmp_path / "own.npz").skeleton == own
-    write_bvh(rigid(taller, own), tmp_path / "own.bvh")
+    export(rigid(taller, own), tmp_path / "own.bvh")
     np.testing.assert_allclose(load_motion(tmp_path / "own.bvh").skeleton.bone_lengths, own.bone_lengths, atol=1e-5)
 
 
@@ -122,7 +122,7 @@ def test_names_decide_which_joint_is_which(tmp_path: Path) -> None:
 
 
 def test_a_bvh_file_is_read_at_its_own_rate(tmp_path: Path) -> None:
-    write_bvh(Motion(torch.from_numpy(WALK), fps=30.0), tmp_path / "x.bvh")
+    export(Motion(torch.from_numpy(WALK), fps=30.0), tmp_path / "x.bvh")
     reading = read_motion(tmp_path / "x.bvh")
     assert reading.motion.fps == 30.0 and "unit cm (guessed" in reading.notes[0] and not reading.doubts
     assert (reading.motion.joints - torch.from_numpy(WALK)).abs().max() < 0.02
@@ -271,7 +271,7 @@ def test_damage_is_a_sentence(
         path = npy(folder, WALK[:4])
     else:
         path = folder / "x.bvh"
-        write_bvh(Motion(torch.from_numpy(WALK[:4])), path)
+        export(Motion(torch.from_numpy(WALK[:4])), path)
     content = bytearray(path.read_bytes())
     content[at % len(content)] = value
     path.write_bytes(content[: len(content) - cut % len(content)] if cut % 2 == 0 else content)
