@@ -17,8 +17,8 @@ from scenes.motion.fitting import skeleton_of
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
-PLACED = ("spine1", "spine2", "spine3", "left_collar", "right_collar")
-"""Joints that are placed between others where a character lacks them."""
+PLACED = ("spine1", "spine2", "spine3", "left_collar", "right_collar", "left_foot", "right_foot")
+"""Joints that are placed by others where a character lacks them."""
 
 THINNEST = 0.01
 """Metres below which no radius goes: thinner capsules would need thousands of samples."""
@@ -119,10 +119,14 @@ def placed(rig: Rig, joints: Mapping[str, str]) -> np.ndarray:
     for k, joint in enumerate(spine):
         between = [np.interp(shares[k], shares[known], [at[spine[i]][axis] for i in known]) for axis in range(3)]
         at.setdefault(joint, np.array(between))
+    left = at[_AT("left_hip")] - at[_AT("right_hip")]
+    facing = np.array([-left[2], 0.0, left[0]]) / max(math.hypot(left[0], left[2]), SHORTEST)
     for side in ("left", "right"):
         at.setdefault(_AT(f"{side}_collar"), (at[_AT("neck")] + at[_AT(f"{side}_shoulder")]) / 2)
         ankle, foot = _AT(f"{side}_ankle"), _AT(f"{side}_foot")
         _, down, ahead = HUMANML3D.offsets[foot]
+        shin = np.linalg.norm(at[ankle] - at[_AT(f"{side}_knee")]) / HUMANML3D.bone_lengths[ankle]
+        at.setdefault(foot, at[ankle] + shin * ahead * facing)
         along = math.hypot(*(at[foot] - at[ankle])[[0, 2]])
         at[foot] = np.array([at[foot][0], at[ankle][1] + along * down / ahead, at[foot][2]])
     return np.stack([at[j] for j in range(len(HUMANML3D.names))])
