@@ -114,7 +114,7 @@ class Foot:
     def held(
         self, turns: np.ndarray, ankle: np.ndarray, found: Sequence[Plant], window: int
     ) -> tuple[list[Plant], np.ndarray]:
-        """Turn the foot in `turns [T, 22, 3, 3]`, and tell where it is held and where its ankle shall be, ``[T, 3]``."""
+        """Turn the foot in `turns [T, 22, 3, 3]`; where it is held, and where its ankle shall be, ``[T, 3]``."""
         heels, balls = ([p for p in found if p.joint == f"{self.side}_{name}"] for name in ("ankle", "foot"))
         flat = self._flat(turns, heels, balls, window)
         heels, balls = self._places(flat, heels, balls)

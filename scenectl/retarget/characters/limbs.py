@@ -1,4 +1,4 @@
-"""Legs of two bones in closed form, all frames at once: hips stay, ankles go where they shall, bones keep their length."""
+"""Legs of two bones in closed form, all frames at once: hips stay, ankles go where they shall, bones stay as long."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def play(
     figure = _Figure(character, np.stack(world, axis=1) @ character.turned.transpose(0, 2, 1), roots)
     ratio = character.skeleton.legs / skeleton.legs
     own = np.abs(np.subtract(skeleton.offsets, character.skeleton.offsets)).max() <= SAME
-    stands, down = [], 0.0
+    stands, down = list[Plant](), 0.0
     if not own:
         joints = forward(torch.from_numpy(rotations), torch.from_numpy(roots), skeleton)
         motion = Motion(joints, fps=fps, skeleton=skeleton)
@@ -144,24 +144,24 @@ class _Figure:
         window = max(round(EASE * motion.fps), 1)
         stands, targets, reach, hips = list[Plant](), [], [], []
         for foot in feet:
-            hip, ankle = self.at(foot.hip), self.at(foot.ankle)
+            hips.append(self.at(foot.hip))
+            ankle = self.at(foot.ankle)
             held, target = foot.held(self.turns, ankle, found, window)
             stands += held
             targets.append(target)
-            hips.append(hip)
-            reach.append(np.clip(np.linalg.norm(ankle - hip, axis=-1), STRETCH * foot.leg, foot.leg))
+            reach.append(np.clip(np.linalg.norm(ankle - hips[-1], axis=-1), STRETCH * foot.leg, foot.leg))
         down = lowered(np.stack(hips), np.stack(targets), np.stack(reach), window)
         self.roots = self.roots - down[:, None] * [0.0, 1.0, 0.0]
         for foot, target in zip(feet, targets, strict=True):
             hip, knee = _AT(f"{foot.side}_hip"), _AT(f"{foot.side}_knee")
             hinge = self.turns[:, hip] @ self.character.turned[hip][:, 0]
-            thigh, shin = bent(self.at(foot.hip), self.at(foot.knee), self.at(foot.ankle), hinge, target)
-            self.turns[:, hip] = thigh @ self.turns[:, hip]
-            self.turns[:, knee] = shin @ self.turns[:, knee]
+            swings = bent(self.at(foot.hip), self.at(foot.knee), self.at(foot.ankle), hinge, target)
+            for joint, swing in zip((hip, knee), swings, strict=True):
+                self.turns[:, joint] = swing @ self.turns[:, joint]
         return stands, float(down.max(initial=0.0))
 
     def locals(self) -> tuple[dict[int, np.ndarray], np.ndarray]:
-        """Rotations of all nodes that turn, against their parents, and the places of the mover in its parent's frame."""
+        """Rotations of nodes that turn, against their parents, and places of the mover in its parent's frame."""
         file, mover = self.character.file, self.character.mover
         moving = sorted({*self.named, mover}, key=file.order.index)
         turns = np.stack([self._local(node) for node in moving], axis=1)
