@@ -10,6 +10,7 @@ import numpy as np
 from objectives import Mark
 from scenectl.view.shapes import arrow, capsules
 from scenectl.view.stage import ROUND
+from scenes.mesh.colours import OBSTACLE
 
 if TYPE_CHECKING:
     from pyvista import Plotter
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 Ground = Callable[[np.ndarray], np.ndarray]
 """Heights (m) of the ground at points ``[P, 3]``, of which x and z count."""
 
-GOAL, WAY, OBSTACLE = (200, 50, 43), (47, 125, 107), (122, 94, 168)
+GOAL, WAY = (200, 50, 43), (47, 125, 107)
 REACHED = (46, 150, 72)
 """Of what is wanted and met, in place of `GOAL`."""
 LIFT = 0.02

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from scenectl.view.camera import Sight, choose, look_from
-from scenectl.view.shapes import CLAY, capsules, facets
+from scenectl.view.shapes import capsules, facets
 from scenectl.view.stage import MATT, ROUND, SIZE, open_stage, shot, write
 from scenes.body.proxies import Proxies
 from scenes.body.rig import Rig
+from scenes.mesh.colours import CLAY
 
 _COLOURS = ((47, 125, 107), (200, 100, 43), (63, 111, 176), (165, 132, 42), (122, 94, 168), (176, 68, 106))
 _OUTSIDE = 1 / np.cos(np.pi / 60) ** 2

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from scenectl.view.camera import Camera, Sight
-from scenectl.view.marks import OBSTACLE, fading
-from scenectl.view.shapes import components, face_colours, facets, inward
+from scenectl.view.marks import fading
+from scenectl.view.shapes import components, facets, inward
 from scenectl.view.stage import MATT, Look
+from scenes.mesh.colours import OBSTACLE, face_colours
 from scenes.mesh.primitives import Plane
 from scenes.world.scene import Scene
 

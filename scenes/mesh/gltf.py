@@ -296,7 +296,7 @@ class Gltf:
         begin, length = facts.get("byteOffset", 0), facts["byteLength"]
         if not all(isinstance(n, int) and n >= 0 for n in (begin, length)):
             raise ValueError(f"buffer view {index} has sizes that are no whole numbers")
-        data = self._once("buffer", facts["buffer"], lambda: self._buffer(facts["buffer"]))
+        data = self._once("buffer", facts["buffer"], lambda: self.buffer(facts["buffer"]))
         if begin + length > len(data):
             raise UserError(f"is cut off: buffer view {index} reaches beyond its buffer; export it again")
         return data[begin : begin + length]
@@ -310,25 +310,29 @@ class Gltf:
         buffer = self.facts["buffers"][numbered(index, self.facts["buffers"], "buffer")]
         return "uri" in buffer or (index == 0 and self.binary is not None)
 
-    def _buffer(self, index: int) -> bytes:
-        """Bytes inside the file, beside it or in a data URI (sections 3.6.1 and 4.4.3)."""
+    def buffer(self, index: int) -> bytes:
+        """Bytes of a buffer, wherever they lie."""
         if not self._has_data(index):
             raise UserError(f"has no data for buffer {index}; export it again")
         uri = self.facts["buffers"][index].get("uri")
         if uri is None:
             assert self.binary is not None
             return self.binary
+        return self.named(uri, "buffer")
+
+    def named(self, uri: str, what: str) -> bytes:
+        """What an address stands for: bytes beside the file or in a data URI (sections 3.6.1 and 4.4.3)."""
         if uri.startswith("data:"):
             return base64.b64decode(unquote(uri.partition(",")[2]), validate=True)
         beside = [self.path.parent / name for name in (unquote(uri), uri)]
         found = next((file for file in beside if "://" not in uri and file.is_file()), None)
         if found is None:
             raise UserError(
-                f"names the buffer '{unquote(uri)}', which is not in '{self.path.parent}'; "
+                f"names the {what} '{unquote(uri)}', which is not in '{self.path.parent}'; "
                 "copy it there, or export a GLB"
             )
         if fault := unreadable(found):
-            raise UserError(f"names the buffer '{unquote(uri)}', which {fault}")
+            raise UserError(f"names the {what} '{unquote(uri)}', which {fault}")
         return found.read_bytes()
 
 

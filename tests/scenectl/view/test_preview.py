@@ -22,10 +22,10 @@ from scenectl.view.camera import Camera
 from scenectl.view.caption import Caption, told
 from scenectl.view.labels import COARSE, LONG, Label, cut, draw_labels, font, letters, plain, short, spots
 from scenectl.view.moments import Moment
-from scenectl.view.shapes import face_colours
 from scenectl.view.sheet import planned
 from scenectl.view.stage import open_stage
 from scenes.body.body import DEFAULT_BODY
+from scenes.mesh.colours import face_colours
 from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box
 from scenes.motion.motion import Motion, Pose2D

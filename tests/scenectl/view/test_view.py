@@ -19,10 +19,11 @@ from scenectl.view.camera import Sight, choose
 from scenectl.view.evidence import uncertain_blocks
 from scenectl.view.marks import draw_line, draw_mark, places
 from scenectl.view.room import Room
-from scenectl.view.shapes import body_hull, capsules, components, face_colours, soft_shadow
+from scenectl.view.shapes import body_hull, capsules, components, soft_shadow
 from scenectl.view.stage import open_stage
 from scenectl.view.window import Window
 from scenes.body.body import DEFAULT_BODY
+from scenes.mesh.colours import face_colours
 from scenes.mesh.mesh import Mesh, load_mesh
 from scenes.mesh.primitives import Box, Sphere
 from scenes.mesh.surface import Surface
