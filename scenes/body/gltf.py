@@ -103,7 +103,7 @@ class Skinned(Gltf):
     def humanoid(self) -> dict[str, int]:
         """Nodes of the joints of ours that a VRM extension names (VRM 1.0 `VRMC_vrm`, else VRM 0.x `VRM`)."""
         extensions = self.facts.get("extensions", {})
-        bones = next(
+        bones: Any = next(
             (extensions[key]["humanoid"]["humanBones"] for key in ("VRMC_vrm", "VRM") if key in extensions), {}
         )
         named = bones.items() if isinstance(bones, dict) else [(bone["bone"], bone) for bone in bones]

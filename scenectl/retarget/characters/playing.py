@@ -21,8 +21,9 @@ from scenectl.retarget.characters.character import Character, apart, orthogonal
 from scenectl.retarget.characters.feet import SIDES, Foot, Way
 from scenectl.retarget.characters.limbs import STRETCH, bent, lowered
 from scenectl.retarget.plants import Plant, plants
+from scenes.mesh.gltf import Gltf
 from scenes.motion.fitting import SAME
-from scenes.motion.kinematics import forward
+from scenes.motion.kinematics import carried, forward
 from scenes.motion.motion import Motion
 from scenes.motion.rotations import matrices, steady, unit_quaternions
 from scenes.motion.skeleton import HUMANML3D, Skeleton
@@ -58,6 +59,20 @@ class Played:
     ratio: float
     lowered: float
 
+    def worlds(self, file: Gltf) -> Float[np.ndarray, "T N 4 4"]:
+        """Transforms of all nodes of the character's file to the world, as whoever reads its animation finds them."""
+        frames = np.zeros((len(self.translations), len(file.nodes), 4, 4))
+        for node in file.order:
+            place, turn, scale = apart(file.nodes[node])
+            local = np.tile(np.eye(4), (len(frames), 1, 1))
+            if node in self.rotations:
+                turn = matrices(torch.from_numpy(self.rotations[node])).numpy()
+            local[:, :3, :3] = turn * scale
+            local[:, :3, 3] = self.translations if node == self.mover else place
+            above = file.parents[node]
+            frames[:, node] = local if above < 0 else frames[:, above] @ local
+        return frames
+
 
 def play(
     character: Character,
@@ -77,11 +92,8 @@ def play(
         roots: places of its pelvis (m).
         fps: frames a second.
     """
-    local = matrices(torch.from_numpy(rotations)).numpy()
-    world = [local[:, 0]]
-    for joint, parent in enumerate(skeleton.parents[1:], 1):
-        world.append(world[parent] @ local[:, joint])
-    figure = _Figure(character, np.stack(world, axis=1) @ character.turned.transpose(0, 2, 1), roots)
+    world = carried(torch.from_numpy(rotations), skeleton).numpy()
+    figure = _Figure(character, world @ character.turned.transpose(0, 2, 1), roots)
     ratio = character.skeleton.legs / skeleton.legs
     own = np.abs(np.subtract(skeleton.offsets, character.skeleton.offsets)).max() <= SAME
     stands, down = list[Plant](), 0.0
