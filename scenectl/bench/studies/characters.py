@@ -1,4 +1,4 @@
-"""Characters that play motions: whether feet slide or sink where they stand, bones keep their length, and knees bend."""
+"""Characters that play motions: whether feet that stand slide or sink, bones keep their length, and knees bend."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from scenectl.data.formats.motions import load_motion, one_of
 from scenectl.export.animation import Animation
 from scenectl.retarget.characters.character import Character
 from scenectl.retarget.characters.playing import Played, play
+from scenectl.retarget.plants import Plant
 from scenes.motion.kinematics import carried
 from scenes.motion.skeleton import HUMANML3D
 
@@ -58,7 +59,8 @@ def figures(character: Character, played: Played, animation: Animation) -> dict[
 
     Returns:
         slide_max_m: the farthest that an ankle or toe joint goes from its mean place while it is held.
-        sink_max_m, float_max_m: the farthest that a sole is under the ground there, and its lowest point over it.
+        sink_max_m: the farthest that a sole is then under the lowest ground on which a ball stands.
+        float_max_m: the farthest that the lowest point of a sole is over the ground on which its ball stands.
         stretch_max_m: by how much a bone is longer or shorter than at rest.
         knee_min_deg: the least bend of a knee; below 0 it bends forward.
         arm_max_deg: the largest angle between the bones of arms and those of the motion.
@@ -67,13 +69,16 @@ def figures(character: Character, played: Played, animation: Animation) -> dict[
     worlds = played.worlds(character.file)
     places = worlds[..., :3, 3]
     found = {"slide_max_m": 0.0, "sink_max_m": 0.0, "float_max_m": 0.0}
-    for stand in played.stands:
-        held, over = slice(stand.begin, stand.end), _over(character, worlds, stand)
+    grounds = [stand.place[1] - _height(character, stand) for stand in played.stands]
+    level = min((g for g, s in zip(grounds, played.stands, strict=True) if s.joint.endswith("foot")), default=-np.inf)
+    for stand, ground in zip(played.stands, grounds, strict=True):
+        held, low = slice(stand.begin, stand.end), _low(character, worlds, stand)
         path = places[held, character.joints[stand.joint]] if stand.joint in character.joints else stand.place[None]
         slide = np.linalg.norm(path - path.mean(axis=0), axis=-1).max()
         found["slide_max_m"] = max(found["slide_max_m"], float(slide))
-        found["sink_max_m"] = max(found["sink_max_m"], float(-over.min()))
-        found["float_max_m"] = max(found["float_max_m"], float(over.max()))
+        found["sink_max_m"] = max(found["sink_max_m"], float(level - low.min()))
+        if stand.joint.endswith("foot"):
+            found["float_max_m"] = max(found["float_max_m"], float(low.max() - ground))
     nodes = [character.joints[name] for name in HUMANML3D.names if name in character.joints]
     bones = [(character.file.parents[node], node) for node in nodes if node != character.mover]
     lengths = np.stack([np.linalg.norm(places[:, b] - places[:, a], axis=-1) for a, b in bones])
@@ -85,21 +90,28 @@ def figures(character: Character, played: Played, animation: Animation) -> dict[
     return found
 
 
-def _over(character: Character, worlds: np.ndarray, stand: Any) -> np.ndarray:
-    """How high (m) the lowest point of a foot is over the ground in the frames of a stand, ``[n]``."""
-    side, _, _ = stand.joint.partition("_")
-    foot = character.joints[f"{side}_ankle"]
-    low, rest = [], []
-    for part in character.rig.parts:
-        node = character.file.joints[character.rig.index(part.link)]
-        if foot in character.way(node):
-            frame = worlds[stand.begin : stand.end, node] @ np.linalg.inv(character.file.world[node])
-            low.append((part.placed @ frame[:, 1, :3].T + frame[:, 1, 3]).min(axis=0))
-            rest.append(part.placed[:, 1].min())
+def _soles(character: Character, stand: Plant) -> list[tuple[int, np.ndarray]]:
+    """Nodes of a foot that stands, with the points (m, at rest) that move with each."""
+    foot = character.joints[f"{stand.joint.partition('_')[0]}_ankle"]
+    parts = [(character.file.joints[character.rig.index(part.link)], part.placed) for part in character.rig.parts]
+    return [(node, points) for node, points in parts if foot in character.way(node)]
+
+
+def _height(character: Character, stand: Plant) -> float:
+    """How high (m) over its sole the joint that stands is at rest."""
     node = character.joints.get(stand.joint)
-    at = character.origins[node] if node is not None else character.place[HUMANML3D.index(stand.joint)]
-    over: np.ndarray = np.min(low, axis=0) - (stand.place[1] - (at[1] - min(rest)))
-    return over
+    at = character.place[HUMANML3D.index(stand.joint)] if node is None else character.origins[node]
+    return float(at[1] - min(points[:, 1].min() for _, points in _soles(character, stand)))
+
+
+def _low(character: Character, worlds: np.ndarray, stand: Plant) -> np.ndarray:
+    """Height (m, world) of the lowest point of a foot in the frames in which it stands, ``[n]``."""
+    low = []
+    for node, points in _soles(character, stand):
+        frame = worlds[stand.begin : stand.end, node] @ np.linalg.inv(character.file.world[node])
+        low.append((points @ frame[:, 1, :3].T + frame[:, 1, 3]).min(axis=0))
+    lowest: np.ndarray = np.min(low, axis=0)
+    return lowest
 
 
 def _knees(character: Character, played: Played) -> float:

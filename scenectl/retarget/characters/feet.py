@@ -23,12 +23,13 @@ from scenes.motion.skeleton import HUMANML3D, size_of
 
 LEVEL = 0.14
 """Radians (8 degrees) by which a sole that stands may be tilted and counts as level."""
-GROUND = 0.03
+GROUND = 0.04
 """Metres, of an adult, by which a sole may be over or under the ground where the motion starts and counts as on it."""
 BEND = 1.0
 """Radians by which toes bend at most: 60 degrees, as at the end of a step."""
 SIDES = ("left", "right")
 
+_BALLS = ("left_foot", "right_foot")
 _AT = HUMANML3D.index
 
 
@@ -49,12 +50,14 @@ class Way:
 
     @classmethod
     def of(cls, motion: Motion, found: Sequence[Plant], ratio: float) -> Way:
-        """Of a motion in which feet stand so: its ground is where the first ball stands, else its lowest one."""
+        """Of a motion in which feet stand so. Its ground is the lowest on which balls stand, nearly as high as the first.
+
+        Where none stands it is under the lowest place of one.
+        """
         sole = DEFAULT_BODY.sole_offset * size_of(motion.skeleton)
-        balls = [plant for plant in found if plant.joint.endswith("foot")]
-        first = min((plant.begin for plant in balls), default=0)
-        heights = [float(plant.place[1]) for plant in balls if plant.begin == first]
-        low = min(heights) if heights else float(motion.select(["left_foot", "right_foot"])[..., 1].min())
+        balls = sorted((plant for plant in found if plant.joint.endswith("foot")), key=lambda plant: plant.begin)
+        heights = [float(plant.place[1]) for plant in balls] or [float(motion.select(_BALLS)[..., 1].min())]
+        low = min(h for h in heights if abs(h - heights[0]) < GROUND * size_of(motion.skeleton))
         start = motion.joints[0, 0].numpy()
         drop = -float(np.mean([motion.skeleton.offsets[_AT(f"{side}_foot")][1] for side in SIDES]))
         return cls(np.array([start[0], low - sole, start[2]]), ratio, sole, sole + drop)
@@ -65,11 +68,14 @@ class Way:
         moved: np.ndarray = self.ground + self.ratio * (points - self.ground - before * up) + after * up
         return moved
 
-    def on_ground(self, plant: Plant, before: float, after: float) -> np.ndarray:
-        """Where a plant is, on the ground where it is nearly."""
-        place = self.place(plant.place, before, after)
-        over = place[1] - self.ground[1] - after
-        return place - (over if abs(over) < GROUND * self.ratio else 0.0) * np.array([0.0, 1.0, 0.0])
+    @property
+    def floor(self) -> Float[np.ndarray, " 3"]:
+        """Where a ball of the motion's skeleton stands on the ground that stays."""
+        return self.ground + self.sole * np.array([0.0, 1.0, 0.0])
+
+    def grounded(self, ball: Plant) -> bool:
+        """Whether a ball stands on the ground where the motion starts."""
+        return bool(abs(ball.place[1] - self.sole - self.ground[1]) < GROUND * self.sole / DEFAULT_BODY.sole_offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +133,7 @@ class Foot:
             held[own] = True
         for plant in balls:
             own = slice(plant.begin, plant.end)
-            heading, tilt = self._pose(foot[own])
+            heading, tilt, _ = self._pose(foot[own])
             level = self._turned(heading, tilt + np.clip(-tilt, 0.0, BEND))
             bends[own], stands[own] = _vectors(level @ foot[own].swapaxes(1, 2)), True
         toes[:] = _matrices(eased(bends, stands, window)) @ foot
@@ -140,15 +146,21 @@ class Foot:
         foot = turns[:, _AT(f"{self.side}_ankle")]
         by, held = np.zeros((len(foot), 3)), np.zeros(len(foot), dtype=bool)
         flat = {}
+        most = [0.0 if self.way.grounded(ball) else np.pi for ball in balls]  # how far the toes can be up there
+        for ball, tilt_most in zip(balls, most, strict=True):
+            own = slice(ball.begin, ball.end)
+            heading, tilt, across = self._pose(foot[own])
+            by[own] = _vectors(self._turned(heading, np.minimum(tilt, tilt_most), across) @ foot[own].swapaxes(1, 2))
+            held[own] = True
         for i, heel in enumerate(heels):
             for k, ball in enumerate(balls):
                 own = slice(max(heel.begin, ball.begin), min(heel.end, ball.end))
                 if own.stop <= own.start:
                     continue
-                heading, tilt = self._pose(foot[own])
+                heading, tilt, _ = self._pose(foot[own])
                 mean = np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
                 slope = np.sign(tilt.mean()) * max(abs(tilt.mean()) - LEVEL, 0.0)
-                flat[i, k] = self._turned(np.array([mean]), np.array([slope]))[0]
+                flat[i, k] = self._turned(np.array([mean]), np.array([min(slope, most[k])]))[0]
                 by[own], held[own] = _vectors(flat[i, k] @ foot[own].swapaxes(1, 2)), True
         foot[:] = _matrices(eased(by, held, window)) @ foot
         return flat
@@ -158,7 +170,11 @@ class Foot:
     ) -> tuple[list[Plant], list[Plant]]:
         """The plants where the character's ankle and toe joint are: heels by the balls that stand with them."""
         way = self.way
-        balls = [replace(ball, place=way.on_ground(ball, way.sole, self.low)) for ball in balls]
+        level = [np.array([1.0, 0.0 if way.grounded(ball) else 1.0, 1.0]) for ball in balls]
+        balls = [
+            replace(ball, place=way.place(way.floor + share * (ball.place - way.floor), way.sole, self.low))
+            for ball, share in zip(balls, level, strict=True)
+        ]
         heels = [replace(heel, place=way.place(heel.place, way.ankle, self.high)) for heel in heels]
         first = set[int]()
         for (i, k), turn in flat.items():
@@ -169,19 +185,16 @@ class Foot:
             first.add(i)
         return heels, balls
 
-    def _pose(self, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Heading and tilt (rad, toes up) of the foot in frames in which it is turned so from rest."""
-        x, y, z = (foot @ self.rest @ _AHEAD).T
-        return np.arctan2(x, z), np.arctan2(y, np.hypot(x, z)) - np.arctan2(_AHEAD[1], _AHEAD[2])
+    def _pose(self, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Heading, tilt (toes up) and what is left across (rad) of the foot where it is turned so from rest."""
+        heading, tilt, across = Rotation.from_matrix(foot @ self.rest).as_euler("YXZ").T
+        return heading, -tilt, across
 
-    def _turned(self, heading: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-        """Rotations from rest with that heading and tilt, level across."""
-        angles = np.stack([heading, -tilt], axis=-1)
-        turned: np.ndarray = Rotation.from_euler("YX", angles).as_matrix() @ self.rest.T
+    def _turned(self, heading: np.ndarray, tilt: np.ndarray, across: np.ndarray | float = 0.0) -> np.ndarray:
+        """Rotations from rest with that heading and tilt, level across or not."""
+        angles = np.stack(np.broadcast_arrays(heading, -tilt, across), axis=-1)
+        turned: np.ndarray = Rotation.from_euler("YXZ", angles).as_matrix() @ self.rest.T
         return turned
-
-
-_AHEAD = np.array(HUMANML3D.offsets[_AT("left_foot")])
 
 
 def _vectors(turns: np.ndarray) -> np.ndarray:

@@ -73,7 +73,8 @@ class Person:
             else:
                 bone = bone * [self.broad, self.trunk, 1.0]
             place[joint] = place[parent] + bone
-        return place + [0.0, self.ankle - place[HUMANML3D.indices(["left_ankle", "right_ankle"]), 1].min(), 0.0]
+        low = place[HUMANML3D.indices(["left_ankle", "right_ankle"]), 1].min()
+        return place + np.array([0.0, self.ankle - low, 0.0])
 
 
 SMALL = Person(legs=0.75, arms=0.84, trunk=0.88, broad=0.85, ankle=0.09, toe=0.025, lean=0.0, neck=0.2, thick=0.85)
@@ -193,7 +194,11 @@ def _capsules(person: Person, place: np.ndarray) -> tuple[np.ndarray, np.ndarray
     for ankle, foot in ((7, 10), (8, 11)):
         heel = place[ankle] * [1, 0, 1] + [0, 0.03, -0.04]
         ball = place[foot] * [1, 0, 1] + [0, 0.03, 0]
-        rows += [(heel, ball, 0.04, ankle), (place[ankle], heel, 0.04, ankle), (ball, ball + [0, 0, 0.04], 0.035, foot)]
+        rows += [
+            (heel, ball, 0.04, ankle),
+            (place[ankle], heel, 0.04, ankle),
+            (ball, [*ball[:2], ball[2] + 0.04], 0.035, foot),
+        ]
     starts, ends, radii, owners = zip(*rows, strict=True)
     return np.array(starts), np.array(ends), np.array(radii), np.array(owners)
 
