@@ -195,7 +195,7 @@ def _capsules(person: Person, place: np.ndarray) -> tuple[np.ndarray, np.ndarray
         heel = place[ankle] * [1, 0, 1] + [0, 0.03, -0.04]
         ball = place[foot] * [1, 0, 1] + [0, 0.03, 0]
         rows += [
-            (heel, ball, 0.04, ankle),
+            (heel, ball - np.array([0.0, 0.0, 0.04]), 0.04, ankle),
             (place[ankle], heel, 0.04, ankle),
             (ball, [*ball[:2], ball[2] + 0.04], 0.035, foot),
         ]
