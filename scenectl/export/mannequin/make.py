@@ -1,7 +1,7 @@
 """The mannequin, as the script that makes it: ``python -m scenectl.export.mannequin.make [FILE]``.
 
-Capsules that taper, on HumanML3D's joints in the T-pose, are united smoothly; the surface is thinned to about 5,000
-triangles; and every joint's share of it spreads along the surface as heat does.
+Tubes of capsules that taper, on HumanML3D's joints in the T-pose, are united smoothly; the surface is thinned to about
+5,000 triangles; and every joint's share of it spreads along the surface as heat does.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from scenectl.export.mannequin import FILE
 from scenes.files import atomic_write
@@ -21,45 +23,51 @@ from scenes.motion.skeleton import FEET, HUMANML3D
 
 CELL = 0.006
 """Metres between the nodes on which the distance is known."""
-TRIANGLES = 5000
-BLEND = 0.03
-"""Metres around which the surfaces of two capsules become one."""
-SPREAD = 0.035
+FINE, TRIANGLES = 50_000, 5000
+"""Triangles along which shares spread, and of the mannequin."""
+TABLE = tomllib.loads(Path(__file__).with_name("parts.toml").read_text(encoding="utf-8"))
+BLEND = TABLE["blend"] / 1000
+"""Metres around which the surfaces of two tubes become one."""
+PIECES = 6
+"""Straight pieces of a tube between two of its points."""
+SPREAD = 0.045
 """Metres along the surface by which the hold of a joint fades."""
 SOLE = 0.025
 """Metres from the foot joints down to the soles, which are level."""
 
 
-class Cone(NamedTuple):
-    """A capsule that tapers: what carries it, both ends (m) and both radii (m)."""
+class Tube(NamedTuple):
+    """Balls along a smooth way, near each other: centres ``[n, 3]`` and radii ``[n]`` (m), and what carries each."""
 
-    joint: int
-    a: np.ndarray
-    b: np.ndarray
-    near: float
-    far: float
+    centres: np.ndarray
+    radii: np.ndarray
+    joints: np.ndarray
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distance (m) of points ``[..., 3]``, up to the slope of the taper."""
-        axis = self.b - self.a
-        share = np.clip((points - self.a) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
-        nearest = self.a + share[..., None] * axis
-        away: np.ndarray = np.linalg.norm(points - nearest, axis=-1)
-        return away - (self.near + share * (self.far - self.near))
+    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance (m) of points ``[..., 3]``, and the joint that carries what is nearest."""
+        distance, joint = np.full(points.shape[:-1], np.inf), np.zeros(points.shape[:-1], dtype=int)
+        for k, (a, b) in enumerate(pairwise(self.centres)):
+            axis = b - a
+            share = np.clip((points - a) @ axis / (axis @ axis), 0.0, 1.0)
+            away = np.linalg.norm(points - a - share[..., None] * axis, axis=-1)
+            away -= self.radii[k] + share * (self.radii[k + 1] - self.radii[k])
+            joint = np.where(away < distance, self.joints[k], joint)
+            distance = np.minimum(away, distance)
+        return distance, joint
 
 
-def cones() -> Iterator[Cone]:
-    """All parts of the table, on both sides."""
+def tubes() -> Iterator[Tube]:
+    """All tubes of the table, on both sides."""
     rest = rest_pose(HUMANML3D).numpy()
-    table = tomllib.loads(Path(__file__).with_name("parts.toml").read_text(encoding="utf-8"))["parts"]
-    for row in table:
-        for side, sign in (("left", 1), ("right", -1)):
-            joint, near, radius, far, other = row
-            a, b = (
-                rest[HUMANML3D.index(name.replace("*", side))] + np.array([sign, 1, 1]) * np.array(by) / 1000
-                for name, by in (near, far)
-            )
-            yield Cone(HUMANML3D.index(joint.replace("*", side)), a, b, radius / 1000, other / 1000)
+    for tube in TABLE["tubes"]:
+        both = any("*" in point[0] for point in tube)
+        for side, sign in (("left", 1), ("right", -1))[: 1 + both]:
+            names = [[HUMANML3D.index(point[k].replace("*", side)) for point in tube] for k in (0, 3)]
+            places = rest[names[0]] + np.array([point[1] for point in tube]) * [sign, 1, 1] / 1000
+            way = np.concatenate([[0.0], np.linalg.norm(np.diff(places, axis=0), axis=1).cumsum()])
+            at = np.unique(np.concatenate([np.linspace(a, b, PIECES + 1) for a, b in pairwise(way)]))
+            balls = PchipInterpolator(way, np.column_stack([places, [point[2] / 1000 for point in tube]]))(at)
+            yield Tube(balls[:, :3], balls[:, 3], np.array(names[1])[np.searchsorted(way, at, "right") - 1])
 
 
 def blended(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -69,25 +77,22 @@ def blended(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return least
 
 
-def surface(parts: list[Cone]) -> tuple[np.ndarray, np.ndarray]:
+def surface(parts: list[Tube]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (m) and faces of all parts as one."""
     from skimage.measure import marching_cubes
 
-    ends = np.concatenate([[part.a, part.b] for part in parts])
-    low = ends.min(axis=0) - 0.15
-    axes = [np.arange(a, b, CELL) for a, b in zip(low, ends.max(axis=0) + 0.15, strict=True)]
+    low, high = (end([end(part.centres, axis=0) for part in parts], axis=0) for end in (np.min, np.max))
+    axes = [np.arange(a - 0.15, b + 0.15, CELL) for a, b in zip(low, high, strict=True)]
     field = np.full([len(axis) for axis in axes], 1.0)
     for part in parts:
-        reach = max(part.near, part.far) + 2 * BLEND
-        box = tuple(
-            slice(*np.searchsorted(axis, [min(a, b) - reach, max(a, b) + reach]))
-            for axis, a, b in zip(axes, part.a, part.b, strict=True)
-        )
+        reach = part.radii.max() + 2 * BLEND
+        sides = np.stack([part.centres.min(axis=0) - reach, part.centres.max(axis=0) + reach], axis=1)
+        box = tuple(slice(*np.searchsorted(axis, side)) for axis, side in zip(axes, sides, strict=True))
         points = np.stack(np.meshgrid(*(axis[s] for axis, s in zip(axes, box, strict=True)), indexing="ij"), axis=-1)
-        field[box] = blended(field[box], part.distance(points))
+        field[box] = blended(field[box], part.nearest(points)[0])
     field = np.maximum(field, sole() - axes[1][:, None])
     vertices, faces, _, _ = marching_cubes(field, 0.0)
-    return low + CELL * vertices, faces
+    return [axis[0] for axis in axes] + CELL * vertices, faces
 
 
 def sole() -> float:
@@ -95,23 +100,24 @@ def sole() -> float:
     return float(rest_pose(HUMANML3D)[HUMANML3D.indices(FEET), 1].min()) - SOLE
 
 
-def held(vertices: np.ndarray, faces: np.ndarray, parts: list[Cone]) -> np.ndarray:
+def held(vertices: np.ndarray, faces: np.ndarray, parts: list[Tube]) -> np.ndarray:
     """Shares ``[V, 22]`` that joints have in vertices: those of the nearest parts, spread along the surface."""
     from igl import cotmatrix, massmatrix
     from scipy.sparse.linalg import splu
 
-    nearest = np.argmin([part.distance(vertices) for part in parts], axis=0)
-    owned = np.eye(len(HUMANML3D.names))[np.array([part.joint for part in parts])[nearest]]
+    distances, joints = (np.stack(each) for each in zip(*(part.nearest(vertices) for part in parts), strict=True))
+    owner = np.take_along_axis(joints, distances.argmin(axis=0)[None], axis=0)[0]
+    owned = np.eye(len(HUMANML3D.names))[owner]
     mass = massmatrix(vertices, faces)
     spread = splu((mass - SPREAD**2 * cotmatrix(vertices, faces)).tocsc())
     return np.clip(spread.solve(mass @ owned), 0.0, 1.0)
 
 
-def thinned(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same surface in fewer triangles."""
+def thinned(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same surface in so many triangles, none of them without an area."""
     from igl import qslim
 
-    vertices, faces, *_ = qslim(vertices, faces, TRIANGLES)
+    vertices, faces, *_ = qslim(vertices, faces, count)
     return vertices, faces
 
 
@@ -119,9 +125,9 @@ def main(path: Path) -> None:
     """Write the file."""
     from scipy.spatial import cKDTree
 
-    parts = list(cones())
-    fine, fine_faces = surface(parts)
-    vertices, faces = thinned(fine, fine_faces)
+    parts = list(tubes())
+    fine, fine_faces = thinned(*surface(parts), FINE)
+    vertices, faces = thinned(fine, fine_faces, TRIANGLES)
     shares = held(fine, fine_faces, parts)[cKDTree(fine).query(vertices)[1]]
     joints = np.argsort(-shares, axis=1, kind="stable")[:, :4]
     weights = np.take_along_axis(shares, joints, axis=1)
