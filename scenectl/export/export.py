@@ -14,7 +14,16 @@ from scenectl.export.settings import Settings
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 
-FORMATS = {".bvh": "bvh", ".glb": "glb", ".usd": "usd", ".usda": "usd", ".usdc": "usd", ".csv": "csv", ".npz": "npz"}
+FORMATS = {
+    ".bvh": "bvh",
+    ".glb": "glb",
+    ".vrm": "glb",
+    ".usd": "usd",
+    ".usda": "usd",
+    ".usdc": "usd",
+    ".csv": "csv",
+    ".npz": "npz",
+}
 """By the ending of a file, the module of this package that writes it (`Format`)."""
 
 
@@ -58,10 +67,11 @@ def export(motion: Motion, path: str | Path, settings: Settings | None = None, *
     form: Format = import_module(f"scenectl.export.{FORMATS[path.suffix.lower()]}")
     motions = [motion] if motion.joints.ndim == 3 else [motion[i] for i in range(len(motion.joints))]
     animations, moved = [], 0.0
+    travels = settings.root_motion or settings.character is not None  # whose feet stand where it walks
     for place, one in enumerate(motions):
         animation, by = Animation.of(one, path.stem if len(motions) == 1 else f"{path.stem}_{place}")
         animation = animation if settings.fps is None else animation.resampled(settings.fps)
-        animations.append(named(animation if settings.root_motion else animation.in_place(), settings.names))
+        animations.append(named(animation if travels else animation.in_place(), settings.names))
         moved = max(moved, by)
     if form.SEVERAL or len(animations) == 1:
         form.write(animations, path, settings)

@@ -105,12 +105,12 @@ class Character:
         heights = []
         for side in ("left", "right"):
             ankle = HUMANML3D.index(f"{side}_ankle")
-            points = self._hanging_on(self.joints[f"{side}_ankle"])
+            points = self.hanging_on(self.joints[f"{side}_ankle"])
             up = self.turned[ankle][:, 1]
             heights.append(float(((self.place[ankle] - points) @ up).max()))
         return np.array(heights)
 
-    def _hanging_on(self, node: int) -> Float[np.ndarray, "V 3"]:
+    def hanging_on(self, node: int) -> Float[np.ndarray, "V 3"]:
         """Points of the surface that move with a node or with what hangs on it; of all of it where none do."""
         nodes = dict(zip(self.rig.links, self.file.joints, strict=True))
         found = [part.placed for part in self.rig.parts if node in self.way(nodes[part.link])]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from scenectl.retarget.characters.character import Character
@@ -50,7 +51,7 @@ class Way:
 
     @classmethod
     def of(cls, motion: Motion, found: Sequence[Plant], ratio: float) -> Way:
-        """Of a motion in which feet stand so. Its ground is the lowest on which balls stand, nearly as high as the first.
+        """Of a motion in which feet stand so: its ground is the lowest for balls that stand about as high as the first.
 
         Where none stands it is under the lowest place of one.
         """
@@ -75,7 +76,12 @@ class Way:
 
     def grounded(self, ball: Plant) -> bool:
         """Whether a ball stands on the ground where the motion starts."""
-        return bool(abs(ball.place[1] - self.sole - self.ground[1]) < GROUND * self.sole / DEFAULT_BODY.sole_offset)
+        return bool(abs(ball.place[1] - self.sole - self.ground[1]) < GROUND * self.size)
+
+    @property
+    def size(self) -> float:
+        """How many times as large as an adult the motion's skeleton is."""
+        return self.sole / DEFAULT_BODY.sole_offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +94,7 @@ class Foot:
         leg: length (m) of thigh and shin.
         rest: rotation of the foot at rest against the T-pose, ``[3, 3]``.
         toe: from the ankle to the toe joint at rest, where there is one, else to the ball (m), ``[3]``.
+        sole: corners of the foot's hull from the ankle, at rest (m), ``[n, 3]``.
         high, low, ball: heights (m) of ankle, toe joint and ball over the sole.
         way: of the motion.
     """
@@ -99,6 +106,7 @@ class Foot:
     leg: float
     rest: Float[np.ndarray, "3 3"]
     toe: Float[np.ndarray, " 3"]
+    sole: Float[np.ndarray, "n 3"]
     high: float
     low: float
     ball: float
@@ -115,7 +123,9 @@ class Foot:
         leg = float(np.linalg.norm(at[knee] - at[hip]) + np.linalg.norm(at[ankle] - at[knee]))
         high = float(character.ankles[SIDES.index(side)])
         low, over = (high + float(rest[:, 1] @ to) for to in (to_toe, ball - at[ankle]))
-        return cls(side, hip, knee, ankle, leg, rest, to_toe, high, low, over, way)
+        points = character.hanging_on(ankle) - at[ankle]
+        sole = points[ConvexHull(points, qhull_options="QJ").vertices]
+        return cls(side, hip, knee, ankle, leg, rest, to_toe, sole, high, low, over, way)
 
     def held(
         self, turns: np.ndarray, ankle: np.ndarray, found: Sequence[Plant], window: int
@@ -124,6 +134,8 @@ class Foot:
         heels, balls = ([p for p in found if p.joint == f"{self.side}_{name}"] for name in ("ankle", "foot"))
         flat = self._flat(turns, heels, balls, window)
         heels, balls = self._places(flat, heels, balls)
+        alone = set(range(len(heels))) - {i for i, _ in flat}
+        heels = [self._raised(heel, turns) if i in alone else heel for i, heel in enumerate(heels)]
         foot, toes = turns[:, _AT(f"{self.side}_ankle")], turns[:, _AT(f"{self.side}_foot")]
         by, held = np.zeros_like(ankle), np.zeros(len(ankle), dtype=bool)
         bends, stands = np.zeros_like(ankle), np.zeros(len(ankle), dtype=bool)
@@ -184,6 +196,13 @@ class Foot:
                 heels[i] = replace(heels[i], place=balls[k].place - turn @ self.toe)
             first.add(i)
         return heels, balls
+
+    def _raised(self, heel: Plant, turns: np.ndarray) -> Plant:
+        """A heel that stands alone, over the ground where the foot would be in it as it is turned."""
+        down = turns[heel.begin : heel.end, _AT(f"{self.side}_ankle"), 1] @ self.sole.T
+        under = self.way.ground[1] - float(heel.place[1] + down.min())
+        near = under < GROUND * self.way.size * self.way.ratio  # further down the ground is another
+        return replace(heel, place=heel.place + np.array([0.0, max(under, 0.0) if near else 0.0, 0.0]))
 
     def _pose(self, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Heading, tilt (toes up) and what is left across (rad) of the foot where it is turned so from rest."""

@@ -80,6 +80,7 @@ def play(
     rotations: Float[np.ndarray, "T 22 4"],
     roots: Float[np.ndarray, "T 3"],
     fps: float,
+    travels: bool = True,
 ) -> Played:
     """A motion on a character.
 
@@ -91,6 +92,7 @@ def play(
         rotations: of its joints, local, from the T-pose (w, x, y, z).
         roots: places of its pelvis (m).
         fps: frames a second.
+        travels: whether the root walks, or stays over its first place; feet are turned as they are where it walks.
     """
     world = carried(torch.from_numpy(rotations), skeleton).numpy()
     figure = _Figure(character, world @ character.turned.transpose(0, 2, 1), roots)
@@ -101,6 +103,8 @@ def play(
         joints = forward(torch.from_numpy(rotations), torch.from_numpy(roots), skeleton)
         motion = Motion(joints, fps=fps, skeleton=skeleton)
         stands, down = figure.plant(motion, ratio)
+    if not travels:
+        figure.roots = figure.roots * [0.0, 1.0, 0.0] + figure.roots[:1] * [1.0, 0.0, 1.0]
     quaternions, translations = figure.locals()
     return Played(quaternions, character.mover, translations, figure.joints(), figure.turns, tuple(stands), ratio, down)
 
