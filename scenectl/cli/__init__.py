@@ -7,6 +7,7 @@ COMMANDS = (
     "view",
     "edit",
     "export",
+    "retarget",
     "goals",
     "schema",
     "scenes",

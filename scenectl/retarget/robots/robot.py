@@ -1,24 +1,41 @@
-"""A humanoid robot from its own file, and which of its bodies move as which of our joints."""
+"""Robots that follow motions."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
+from scenectl.retarget.robots.humanoid import Humanoid
+from scenectl.retarget.robots.solve import solved
+from scenectl.retarget.robots.targets import resampled, targets
+from scenectl.retarget.robots.trajectory import Trajectory
+from scenes.errors import UserError
+from scenes.motion.motion import Motion
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """A humanoid robot.
+FPS = 50.0
+"""Frames a second at which controllers of humanoids track motions (mjlab, BeyondMimic)."""
 
-    Attributes:
-        name, source: the file's stem and the file.
-        model: MuJoCo's, with a free joint at the root.
-        joints: {one of our 22 joints: the body of the model that moves as it does}.
-        doubts: what whoever gave the file should hear about how it was read, one sentence each.
-    """
 
-    name: str
-    source: str
-    model: Any
-    joints: dict[str, str]
-    doubts: tuple[str, ...] = ()
+class Robot(Humanoid):
+    """A humanoid robot from its own file, that can be made to follow motions: ``Robot("g1.xml").retarget(motion)``."""
+
+    def retarget(self, motion: Motion, fps: float = FPS, tasks: Sequence[Any] = (), limits: Sequence[Any] = ()) -> Any:
+        """Make the robot follow a motion.
+
+        Args:
+            motion: one ``[T, 22, 3]``, or several ``[S, T, 22, 3]``.
+            fps: frames a second of the trajectory.
+            tasks, limits: of mink, beside the robot's own.
+
+        Returns:
+            A `Trajectory`; a list of them for several motions.
+
+        Raises:
+            UserError: a motion without a valid frame or of other joints, or a rate that is not positive.
+        """
+        if not 1 <= fps <= 1000:
+            raise UserError(f"{fps:g} frames a second are no rate for a robot; give 1 to 1000")
+        if motion.joints.ndim == 4:
+            return [self.retarget(motion[i], fps, tasks, limits) for i in range(len(motion.joints))]
+        wanted = targets(resampled(motion, fps), self.points)
+        return Trajectory(self, solved(self, wanted, tasks, limits), fps, wanted.source, wanted.plants, motion.t0)
