@@ -230,6 +230,19 @@ def test_what_moves_is_where_the_scene_has_it(in_room: tuple[File, Motion, Scene
         same(file.triangles(file.named[name]), thing.mesh(0.25).triangles)  # before anything is played
 
 
+def test_motions_of_several_lengths_and_rates_share_a_room(tmp_path: Path) -> None:
+    scene, rates = room(), (20.0, 30.0)
+    animations = [Animation.of(motion(1, 6 * k, fps)[0])[0] for k, fps in enumerate(rates, 1)]
+    write(animations, tmp_path / "a.glb", Settings(scene=scene))
+    file = File(tmp_path / "a.glb")
+    for number, animation in enumerate(animations):
+        samplers = file.facts["animations"][number]["samplers"]
+        counts = [len(file.rows(sampler[end])) for sampler in samplers for end in ("input", "output")]
+        assert set(counts) == {animation.frames}
+        end = float(animation.times[-1])
+        same(file.triangles(file.named["door"], number, end), scene.objects[0].mesh(end).triangles)
+
+
 def test_without_a_scene_there_is_nobody_else(tmp_path: Path) -> None:
     export(motion(1), tmp_path / "a.glb")
     file = File(tmp_path / "a.glb")
