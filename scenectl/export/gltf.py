@@ -22,8 +22,6 @@ VERTICES, INDICES = 34962, 34963
 """What a buffer view is bound to when it is drawn."""
 _KINDS = {"f4": 5126, "u1": 5121, "u2": 5123, "u4": 5125}
 _SHAPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-_ALIGNED = 4
-"""Bytes at whose multiples everything in a buffer begins."""
 
 Tracks: TypeAlias = Mapping[tuple[int, str], np.ndarray]
 """Keys by node and by what moves: translations ``[T, 3]`` (m), rotations ``[T, 4]`` (w, x, y, z), scales ``[T, 3]``."""
@@ -196,7 +194,6 @@ def _in_one(file: Gltf) -> tuple[pygltflib.GLTF2, bytes]:
 
 
 def _append(data: bytearray, more: bytes) -> int:
-    """Put bytes where they are aligned; returns where that is."""
-    data += bytes(-len(data) % _ALIGNED)
+    """Put bytes behind others, for pygltflib to align each view when it writes; returns where they begin."""
     data += more
     return len(data) - len(more)

@@ -14,6 +14,7 @@ from scenectl.view.shapes import components, facets, inward
 from scenectl.view.stage import MATT, Look
 from scenes.mesh.colours import OBSTACLE, face_colours
 from scenes.mesh.primitives import Plane
+from scenes.world.moving import MovingObject
 from scenes.world.scene import Scene
 
 if TYPE_CHECKING:
@@ -83,7 +84,8 @@ class Room:
     @cached_property
     def moving_colours(self) -> list[np.ndarray]:
         """Of each face of each thing that moves."""
-        return [face_colours(thing.mesh(), OBSTACLE) for thing in self.scene.moving]
+        own = (thing.solid if isinstance(thing, MovingObject) else thing.mesh() for thing in self.scene.moving)
+        return [face_colours(mesh, OBSTACLE) for mesh in own]  # where it is as in its file, by which colours are found
 
     def sight(self, time: float) -> Sight:
         """What may hide a person, with what moves where it is at a time (s), and without the ceiling."""

@@ -122,6 +122,12 @@ def test_colours_belong_to_their_faces_however_files_order_and_cut_them(tmp_path
         assert (colours[wall_faces] == [255, 0, 0]).all() and (colours[~wall_faces] == [0, 0, 255]).all()
 
 
+def test_what_moves_keeps_the_colours_of_its_file_wherever_it_begins() -> None:
+    cart = load_mesh(Path(__file__).resolve().parents[3] / "examples" / "tasks" / "cart.glb")
+    away = Scene(objects=[MovingObject(cart, Trajectory([0.0], [(5.0, 0.0, -7.0)], [1.0]))])
+    assert (Room(away, 1.8).moving_colours[0] == face_colours(cart)).all()
+
+
 def test_instances_that_the_colour_reader_does_not_know_are_drawn(tmp_path: Path) -> None:
     file = boxes()
     attributes = {"TRANSLATION": file.add(np.array([[0.0, 0, 0], [5, 0, 0], [9, 0, 0]]))}
