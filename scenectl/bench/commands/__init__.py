@@ -9,8 +9,7 @@ from scenectl.console.lazy import group
 BENCHES = (
     "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit",
     "query", "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices",
-    "thresholds", "limits", "verdict", "memory", "skeletons", "rotations",
-    "characters",
+    "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "characters", "plants",
 )  # fmt: skip
 
 app = typer.Typer(
