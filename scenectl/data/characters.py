@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 
 from scenectl.data.joint_names import match_joints
@@ -38,6 +39,16 @@ def load_character(file: Path) -> tuple[Rig, dict[str, str] | None]:
 
 def character_body(file: Path) -> ProxyBody:
     """The body of a character's file; raises UserError where it has not our 22 joints, or no person's size."""
+    try:
+        stat = file.stat()
+    except OSError:
+        return _body(file, 0, 0)
+    return _body(file, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=8)
+def _body(file: Path, *_: int) -> ProxyBody:
+    """The body of a file that was written then, of so many bytes: a run asks for it several times."""
     rig = read_rig(file)
     try:
         body = fit_body(rig, joints_of(rig))
