@@ -28,7 +28,7 @@ def test_it_prints_the_mapping_and_writes(scenectl: Run, motion: Path, tmp_path:
     assert said.status == 0, said.err
     lines = [line.split() for line in said.out.splitlines()]
     assert ["left_hip", "left_hip_yaw_link"] in lines and ["spine3", "torso_link"] in lines
-    assert "0 of 26 speeds stated by the file, 9.42 rad/s assumed" in said.out
+    assert "0 of 25 speeds stated by the file, 9.42 rad/s assumed" in said.out
     assert "23 frames at 40 a second" in said.out and "wrote" in said.out
     assert len((tmp_path / "a.csv").read_text().splitlines()) == 24
 

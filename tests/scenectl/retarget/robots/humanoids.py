@@ -149,7 +149,7 @@ def _text(numbers: Sequence[float]) -> str:
 
 
 def dancing(seed: int = 0, frames: int = 40, fps: float = 20.0, most: float = 1.0) -> Motion:
-    """One of our bodies that moves as `person` can: hips, knees, waist, shoulders and elbows, smoothly and at random."""
+    """One of our bodies that moves as `person` can: hips, knees, waist, shoulders and elbows, at random."""
     draw = np.random.default_rng(seed)
 
     def angle(low: float, high: float) -> torch.Tensor:
@@ -188,7 +188,7 @@ def walking(seconds: float = 3.0, fps: float = 20.0, speed: float = 1.0, toes: f
         toe = AT[f"{side}_foot"] - AT[f"{side}_ankle"]
         ankle[:, 1] = sole - toe[1] + 0.08 * np.sin(np.pi * share) ** 2
         out = toes if side == "left" else -toes
-        foot[:] = ankle + [toe[2] * math.sin(out), toe[1], toe[2] * math.cos(out)]
+        foot[:] = ankle + np.array([toe[2] * math.sin(out), toe[1], toe[2] * math.cos(out)])
         way = ankle - hip
         far = np.linalg.norm(way, axis=1, keepdims=True)
         thigh, shin = (float(np.linalg.norm(AT[b] - AT[a])) for a, b in
@@ -197,9 +197,9 @@ def walking(seconds: float = 3.0, fps: float = 20.0, speed: float = 1.0, toes: f
         ahead = np.cross(np.array([1.0, 0.0, 0.0]), -way / far)
         knee[:] = hip + along * way / far + np.sqrt(np.maximum(thigh**2 - along**2, 0)) * ahead
         shoulder, elbow, wrist = (at[f"{side}_{part}"] for part in ("shoulder", "elbow", "wrist"))
-        bend = np.stack(
-            [0 * times, -np.cos(0.3 * np.sin(2 * np.pi * phase)), np.sin(0.3 * np.sin(2 * np.pi * phase))], 1
-        )
-        elbow[:] = shoulder + 0.26 * bend
-        wrist[:] = elbow + 0.265 * (bend + [0, 0, 0.5]) / np.linalg.norm(bend + [0, 0, 0.5], axis=1, keepdims=True)
+        sway = 0.3 * np.sin(2 * np.pi * phase)
+        arm = np.stack([0 * times, -np.cos(sway), np.sin(sway)], axis=1)
+        forearm = arm + np.array([0.0, 0.0, 0.5])
+        elbow[:] = shoulder + 0.26 * arm
+        wrist[:] = elbow + 0.265 * forearm / np.linalg.norm(forearm, axis=1, keepdims=True)
     return Motion(torch.from_numpy(joints), fps=fps)

@@ -53,7 +53,7 @@ def test_a_robot_of_our_proportions_follows_us(seed: int) -> None:
 def test_a_walk_is_walked(seconds: float = 3.0) -> None:
     motion = walking(seconds)
     made, again = robot().retarget(motion), resampled(motion, 50.0)
-    assert made.frames == again.frames and made.fps == 50 and made.times[-1] == pytest.approx(motion.times[-1])
+    assert made.frames == again.frames and made.fps == 50 and motion.times[-1] - made.times[-1] < 1 / 50
     for name in ("left_ankle", "right_knee", "left_wrist", "right_elbow"):
         assert off(again, made.joint(name), name).max() < 0.015, name
     assert len(made.plants) >= 4
@@ -150,7 +150,7 @@ def test_a_single_frame_is_a_pose() -> None:
 
 def test_what_cannot_be_followed_is_said() -> None:
     motion = dancing(0)
-    with pytest.raises(UserError, match="no valid frame|without a valid frame"):
+    with pytest.raises(UserError, match="without a valid frame"):
         robot().retarget(replace(motion, valid=torch.zeros(40, dtype=torch.bool)))
     with pytest.raises(UserError, match="frames a second"):
         robot().retarget(motion, math.nan)
