@@ -91,6 +91,16 @@ def test_standing_feet_stay_and_lie_flat_on_the_ground(size: float, toes: float)
         assert np.allclose(path.mean(axis=0), WORLD @ plant.place, atol=0.01)
 
 
+def test_feet_that_drift_in_the_motion_stand_still_on_the_robot() -> None:
+    motion = walking()
+    joints, feet = motion.joints.clone(), [f"{side}_{part}" for side in ("left", "right") for part in ("ankle", "foot")]
+    joints[:, motion.skeleton.indices(feet), 0] += 0.04 * torch.sin(4 * motion.times)[:, None]
+    made = robot().retarget(replace(motion, joints=joints))
+    longest = max(made.plants, key=lambda plant: plant.end - plant.begin)
+    drifted = resampled(replace(motion, joints=joints), 50.0).joint(longest.joint)[longest.begin : longest.end]
+    assert float((drifted - drifted.mean(dim=0)).norm(dim=1).max()) > 0.02 > 0.01 > made.figures().slide
+
+
 def test_the_way_is_as_long_as_the_legs_make_it() -> None:
     motion = walking()
     ways = [robot(size).retarget(motion).qpos[:, :2] for size in (0.6, 1.2)]
