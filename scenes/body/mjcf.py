@@ -1,0 +1,163 @@
+"""Robots from MJCF files, as MuJoCo compiles them: bodies, the pose at rest, and the shapes that collide."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.body.rig import Part, Rig
+from scenes.body.solids import Solid, solid, uncovered
+from scenes.body.urdf import Y_UP, read_urdf
+from scenes.errors import UserError, clipped
+from scenes.files import MOST_TEXT, readable
+from scenes.mesh.content import distinct, joined
+from scenes.mesh.scale import LARGEST
+from scenes.motion.frames import transform
+
+_ROOT = re.compile(r"\s*(?:<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^<>]*>|\s)*<([A-Za-z_][\w.\-]*)", re.DOTALL)
+"""The first element of an XML file, after its declaration and comments."""
+
+
+Named = list[tuple[str, Solid]]
+
+
+def read_robot(path: str | Path) -> Rig:
+    """Read a robot from an XML file: MJCF where its root is <mujoco>, else URDF; see `read_mjcf` and `read_urdf`."""
+    return read_mjcf(path) if root_tag(path) == "mujoco" else read_urdf(path)
+
+
+def root_tag(path: str | Path) -> str:
+    """The first element of an XML file; "" where it has none. Raises UserError for a file that cannot be read."""
+    path = readable(path, "robot file", MOST_TEXT)
+    found = _ROOT.match(path.read_bytes().decode("utf-8-sig", errors="replace"))
+    return found[1] if found else ""
+
+
+def read_mjcf(path: str | Path) -> Rig:
+    """Read a robot from an MJCF file, in metres, all joints at their reference (`qpos0`).
+
+    Links are MuJoCo's bodies. A link's triangles are its shapes that collide, or those that are seen where none does;
+    what is fixed to the world, such as a floor, is no part of the robot. Visual shapes that reach beyond the collision
+    shapes of their link are doubts of the rig. Links keep the frames of the file; the world is turned from z up to y
+    up, a robot that faces x facing +z.
+
+    Raises:
+        UserError: no such file; MuJoCo is missing or refuses it; no bodies or no shapes.
+    """
+    model = compiled(path)
+    try:
+        return rig_of(model, Path(path).stem, str(path))
+    except UserError as error:
+        raise UserError(f"robot file '{path}' {error}") from error
+
+
+def compiled(path: str | Path) -> Any:
+    """MuJoCo's model of an MJCF or URDF file.
+
+    Raises:
+        UserError: no such file; MuJoCo is missing, or refuses the file: its own words, in one line.
+    """
+    path = readable(path, "robot file", MOST_TEXT)
+    try:
+        import mujoco
+    except ImportError as error:
+        raise UserError(
+            f"robot file '{path}' is read by MuJoCo, which is missing; install it with: pip install 'scenectl[robots]'"
+        ) from error
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        said = clipped(" ".join(str(error).split()), 300)
+        raise UserError(f"robot file '{path}' is refused by MuJoCo: {said}; mend it there") from error
+
+
+def rig_of(model: Any, name: str, source: str) -> Rig:
+    """The bodies of MuJoCo's model at `qpos0` and their shapes; see `read_mjcf`. Link l is body l + 1.
+
+    Raises:
+        UserError: no bodies or no shapes; the sentence carries on from the file's name.
+    """
+    import mujoco
+
+    if model.nbody < 2:
+        raise UserError("has no bodies; give the file of a robot")
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    links = tuple(distinct(model.body(b).name or f"body {b}" for b in range(1, model.nbody)))
+    frames = np.tile(np.eye(4), (model.nbody - 1, 1, 1))
+    frames[:, :3, :3], frames[:, :3, 3] = data.xmat[1:].reshape(-1, 3, 3), data.xpos[1:]
+    frames = Y_UP @ frames
+    parts, doubts = [], []
+    for link, (body, frame) in enumerate(zip(links, frames, strict=True), start=1):
+        seen, collides = _shapes(model, link)
+        if not seen and not collides:
+            continue
+        parts.append(Part.of(body, frame, *joined([shape for _, shape in collides or seen])))
+        if seen and collides:
+            doubts.append(uncovered(f"link '{body}'", seen, [shape for _, shape in collides]))
+    if not parts:
+        raise UserError("has no shapes on its bodies; export it with its meshes")
+    above = tuple(int(parent) - 1 for parent in model.body_parentid[1:])
+    return Rig(name, source, links, above, frames, tuple(parts), tuple(doubt for doubt in doubts if doubt))
+
+
+def _shapes(model: Any, body: int) -> tuple[Named, Named]:
+    """Shapes of a body by name, in its frame: those that are only seen, and those that collide."""
+    seen: Named = []
+    collides: Named = []
+    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
+        if (shape := geom_solid(model, geom)) is not None:
+            among = collides if model.geom_contype[geom] or model.geom_conaffinity[geom] else seen
+            among.append((geom_name(model, geom), shape))
+    return seen, collides
+
+
+def geom_name(model: Any, geom: int) -> str:
+    """Its own, that of its mesh, or its number."""
+    if model.geom(geom).name:
+        return str(model.geom(geom).name)
+    mesh = int(model.geom_dataid[geom])
+    return str(model.mesh(mesh).name) if mesh >= 0 else f"geom {geom}"
+
+
+def geom_solid(model: Any, geom: int) -> Solid | None:
+    """Triangles of a geom in its body's frame; None for planes, height fields and distance fields.
+
+    Raises:
+        UserError: it reaches over `LARGEST`; the sentence carries on from the file's name.
+    """
+    import mujoco
+
+    kinds = {
+        mujoco.mjtGeom.mjGEOM_BOX: ("box", 2.0),  # MuJoCo states half sizes
+        mujoco.mjtGeom.mjGEOM_SPHERE: ("sphere", 1.0),
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID: ("ellipsoid", 1.0),
+        mujoco.mjtGeom.mjGEOM_CYLINDER: ("cylinder", np.array([1.0, 2.0, 1.0])),
+        mujoco.mjtGeom.mjGEOM_CAPSULE: ("capsule", np.array([1.0, 2.0, 1.0])),
+    }
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        vertices, faces = _mesh(model, int(model.geom_dataid[geom]))
+    elif kind in kinds:
+        word, times = kinds[kind]
+        vertices, faces = solid(word, (model.geom_size[geom] * times).tolist())
+    else:
+        return None
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = turn.reshape(3, 3), model.geom_pos[geom]
+    placed = transform(frame, vertices)
+    if not (np.abs(placed) <= LARGEST).all():
+        raise UserError(f"has the shape '{geom_name(model, geom)}' over {LARGEST:g} m from its body; check its size")
+    return placed, faces
+
+
+def _mesh(model: Any, mesh: int) -> Solid:
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    begin, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
+    return vertices, np.asarray(model.mesh_face[begin : begin + faces], dtype=np.int64)
