@@ -49,7 +49,9 @@ def read_urdf(path: str | Path) -> Rig:
 
 
 def _rig(path: Path) -> Rig:
-    robot = _parsed(path.read_bytes())
+    robot = xml_of(path.read_bytes())
+    if robot.tag != "robot":
+        raise UserError(f"is not a URDF: its root is <{robot.tag}>, not <robot>; give a URDF file")
     links = [_attribute(link, "name", "a link") for link in robot.findall("link")]
     if not links or len(set(links)) < len(links):
         raise UserError("has two links of one name; rename one" if links else "has no links; export it again")
@@ -79,18 +81,16 @@ def _rig(path: Path) -> Rig:
     return Rig(name, str(path), tuple(links[link] for link in order), above, frames[order], tuple(parts), tuple(doubts))
 
 
-def _parsed(data: bytes) -> Element:
+def xml_of(data: bytes) -> Element:
+    """The root of a robot's file; raises UserErrors that carry on from "robot file 'x' ..."."""
     if b"\0" in data:  # UTF-16 would hide a DOCTYPE
         raise UserError("is not UTF-8 text; save it as such")
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data, re.IGNORECASE):
         raise UserError("has a DOCTYPE, which no URDF needs; remove it")
     try:
-        robot = ElementTree.fromstring(data)
+        return ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise UserError(f"is not valid XML ({error}); run xacro on it first, or export it again") from error
-    if robot.tag != "robot":
-        raise UserError(f"is not a URDF: its root is <{robot.tag}>, not <robot>; give a URDF file")
-    return robot
 
 
 def _end(joint: Element, side: str, name: str, place: dict[str, int]) -> int:
@@ -151,7 +151,7 @@ def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndar
 def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (metres, the link's frame) and triangles of a mesh file, read as it stands but for its scale."""
     uri = _attribute(element, "filename", where)
-    file = _found(uri, folder)
+    file = mesh_file(uri, folder)
     what = f"names the mesh '{uri}' of {where}, which"
     if file is None:
         raise UserError(f"{what} is not beside it in '{folder}'; copy it there")
@@ -169,7 +169,7 @@ def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.nd
     return vertices, faces if scale.prod() > 0 else faces[:, ::-1]
 
 
-def _found(uri: str, folder: Path) -> Path | None:
+def mesh_file(uri: str, folder: Path) -> Path | None:
     """The file that a mesh's address means."""
     scheme, _, rest = uri.rpartition("://")
     names = [rest] if scheme != "package" else [rest, rest.partition("/")[2]]

@@ -1,0 +1,243 @@
+"""Which bodies of a robot move as which of our joints: by names, and by the tree and where it is where they don't tell.
+
+The body of a joint is the last that the joint's axes turn: a hip of three axes is the thigh, a wrist the hand.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from scenectl.retarget.robots.shapes import corners
+from scenes.errors import UserError, did_you_mean
+
+if TYPE_CHECKING:
+    from scenectl.retarget.robots.robot import Robot
+
+LEG, ARM = ("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")
+LIMBS = tuple(f"{side}_{part}" for side in ("left", "right") for part in (*LEG, *ARM))
+NAMES = ("pelvis", "spine3", "head", *LIMBS)
+"""Our joints that bodies of a robot can move as; all but the head must be there. `spine3` is the chest."""
+
+_WORDS = {
+    "hip": ("hip", "thigh", "upleg", "upperleg", "femur"),
+    "knee": ("knee", "shin", "calf", "shank", "lowleg", "lowerleg", "tibia"),
+    "ankle": ("ankle", "foot"),
+    "shoulder": ("shoulder", "upperarm", "uparm", "humerus"),
+    "elbow": ("elbow", "forearm", "lowerarm", "lowarm"),
+    "wrist": ("wrist", "hand", "palm"),
+}
+_FINGERS = re.compile("finger|thumb|index|middle|ring|pinky|little|gripper")
+_SIDES = {"left": "left", "right": "right", "l": "left", "r": "right"}
+_HIGHER = 0.2
+"""Share of its legs by which a humanoid's shoulders are over its hips at least; those of a quadruped are level."""
+
+
+def mapped(robot: Robot, stated: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+    """{our joint: body} of a humanoid, and doubts.
+
+    Raises:
+        UserError: what is stated is no joint of ours or no body; not a humanoid.
+    """
+    tree, doubts = Tree(robot), list[str]()
+    for joint, body in stated.items():
+        if joint not in NAMES:
+            raise UserError(f"no robot is moved by our joint '{joint}'{did_you_mean(joint, NAMES)}")
+        if body not in tree.names:
+            raise UserError(
+                f"body '{body}', stated as {joint}, is not in '{robot.source}'{did_you_mean(body, tree.names)}"
+            )
+    found = {**_by_names(tree), **{joint: tree.names.index(body) for joint, body in stated.items()}}
+    if not _whole(tree, found):
+        built = _by_geometry(tree, robot.source)
+        doubts.append("names of bodies and joints don't tell which are ours; they were told by geometry")
+        found = {**built, **{joint: tree.names.index(body) for joint, body in stated.items()}}
+        if not _whole(tree, found):
+            raise UserError(f"the bodies stated for '{robot.source}' don't hang on each other as limbs do; check them")
+    for side in ("left", "right"):
+        found.setdefault(f"{side}_wrist", found[f"{side}_elbow"])
+    found.setdefault("pelvis", tree.above(found["left_hip"], found["right_hip"]))
+    found.setdefault("spine3", tree.above(found["left_shoulder"], found["right_shoulder"]))
+    if "head" not in found and (head := _head(tree, found)) is not None:
+        found["head"] = head
+    return {joint: tree.names[found[joint]] for joint in NAMES if joint in found}, doubts
+
+
+class Tree:
+    """Bodies of a robot at rest.
+
+    Attributes:
+        names: of bodies, the world first.
+        parents: of bodies.
+        joints: indices of each body's joints, the free one left out.
+        anchors, axes: of all joints (m, world, at rest), ``[njnt, 3]``.
+        model, rest: MuJoCo's.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        model = self.model = robot.model
+        self.rest = robot.rest
+        self.names = [model.body(i).name for i in range(model.nbody)]
+        self.parents = model.body_parentid
+        first, count = model.body_jntadr, model.body_jntnum
+        self.joints = [[j for j in range(first[b], first[b] + count[b]) if j > 0] for b in range(model.nbody)]
+        self.anchors, self.axes = self.rest.xanchor, self.rest.xaxis
+
+    def chain(self, body: int) -> list[int]:
+        """Bodies from the robot's root down to one."""
+        way = [body]
+        while self.parents[way[0]] > 0:
+            way.insert(0, int(self.parents[way[0]]))
+        return way
+
+    def above(self, a: int, b: int) -> int:
+        """The last body that carries both, and is neither."""
+        ways = self.chain(a)[:-1], self.chain(b)[:-1]
+        return [one for one, other in zip(*ways, strict=False) if one == other][-1]
+
+    def between(self, top: int, body: int) -> list[int]:
+        """Joints below `top` down to `body`."""
+        way = self.chain(body)
+        way = way[way.index(top) + 1 :] if top in way else way
+        return [joint for one in way for joint in self.joints[one]]
+
+    def tip(self, body: int, start: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        """The far end of a body's shapes as seen from `start` (m, world), or its centre of mass beyond that."""
+        points = corners(self.model, self.rest, [body])
+        way = (points.mean(axis=0) if len(points) else self.rest.xipos[body]) - start
+        way /= max(float(np.linalg.norm(way)), 1e-9)
+        far = float(((points - start) @ way).max()) if len(points) else 2 * float((self.rest.xipos[body] - start) @ way)
+        end: np.ndarray = start + far * way
+        return end
+
+
+def _whole(tree: Tree, found: Mapping[str, int]) -> bool:
+    """Whether all limbs are there, each body below the one before and moved against it."""
+    for side in ("left", "right"):
+        for limb in (LEG, ARM):
+            bodies = [found.get(f"{side}_{part}") for part in limb]
+            bodies = bodies[:-1] if limb == ARM and bodies[-1] is None else bodies
+            if None in bodies or not tree.between(0, bodies[0]):  # type: ignore[arg-type]
+                return False
+            for top, body in zip(bodies[:-1], bodies[1:], strict=True):
+                if body != top and top not in tree.chain(body):  # type: ignore[arg-type]
+                    return False
+            if bodies[0] == bodies[1] or (limb == LEG and bodies[1] == bodies[2]):
+                return False
+    limbs = [found[name] for name in ("left_hip", "right_hip", "left_shoulder", "right_shoulder")]
+    return len(set(limbs)) == 4
+
+
+def _by_names(tree: Tree) -> dict[str, int]:
+    found, fixed = dict[str, int](), dict[str, int]()
+    for body, name in enumerate(tree.names):
+        told = [tree.model.joint(joint).name for joint in tree.joints[body]]
+        parts = [part for text in (*told, name) if (part := _part(text))]
+        if not parts:
+            continue
+        if told:
+            found[parts[0]] = body  # the last of several on a chain
+        else:
+            fixed.setdefault(parts[0], body)
+    return {**fixed, **found}
+
+
+def _part(name: str) -> str | None:
+    """Our joint that a name tells."""
+    words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
+    side = next((_SIDES[word] for word in words if word in _SIDES), None)
+    text = "".join(word for word in words if word not in _SIDES)
+    if side is None:
+        side = next((side for side in ("left", "right") if text.startswith(side)), None)
+    if side is None or _FINGERS.search(text):
+        return None
+    return next((f"{side}_{part}" for part, known in _WORDS.items() if any(word in text for word in known)), None)
+
+
+def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
+    leaves = [b for b in range(1, len(tree.names)) if b not in tree.parents]
+    pairs = [
+        (a, b, above) for a, b in combinations(leaves, 2)
+        if min(len(tree.between(above := tree.above(a, b), end)) for end in (a, b)) >= 3
+    ]  # fmt: skip
+    none = UserError(f"'{source}' is no humanoid: two legs that hang down and two arms above them were not found")
+    if not pairs:
+        raise none
+
+    def tips(ends: Sequence[int]) -> np.ndarray:
+        return np.stack([tree.tip(end, tree.anchors[tree.between(0, end)[-1]]) for end in ends])
+
+    def first(above: int, end: int) -> np.ndarray:
+        return tree.anchors[tree.between(above, end)[0]]
+
+    def drop(pair: tuple[int, int, int]) -> float:
+        return float(min(first(pair[2], end)[2] - tips([end])[0, 2] for end in pair[:2]))
+
+    def length(pair: tuple[int, int, int]) -> float:
+        return min(
+            float(np.linalg.norm(np.diff(tree.anchors[tree.between(pair[2], e)], axis=0), axis=1).sum())
+            for e in pair[:2]
+        )
+
+    legs = max(pairs, key=drop)
+    taken = {body for end in legs[:2] for body in tree.chain(end)[len(tree.chain(legs[2])) :]}
+    free = [pair for pair in pairs if not taken & {*tree.chain(pair[0]), *tree.chain(pair[1])}]
+    if not free:
+        raise none
+    arms = max(free, key=length)
+    hips, shoulders = (np.stack([first(pair[2], end) for end in pair[:2]]) for pair in (legs, arms))
+    if shoulders[:, 2].mean() - hips[:, 2].mean() < _HIGHER * drop(legs):
+        raise none
+    left = _left(tree, legs[:2], hips)
+    found = {"pelvis": legs[2], "spine3": arms[2]}
+    for limb, pair, at in ((LEG, legs, hips), (ARM, arms, shoulders)):
+        order = sorted((0, 1), key=lambda i: -float(at[i] @ left))  # noqa: B023 - used at once
+        for side, i in zip(("left", "right"), order, strict=True):
+            found |= {
+                f"{side}_{part}": body for part, body in zip(limb, _parts(tree, pair[2], pair[i], limb), strict=True)
+            }
+    return found
+
+
+def _parts(tree: Tree, above: int, end: int, limb: Sequence[str]) -> list[int]:
+    """Bodies of a limb: its middle joint is the one that is farthest from both of its ends."""
+    joints = tree.between(above, end)
+    places = tree.anchors[joints]
+    last = places[-1] if limb == LEG else tree.tip(end, places[-1])
+    near = np.minimum(*(np.linalg.norm(places - place, axis=1) for place in (places[0], last)))
+    middle = max(int(near.argmax()), 1)
+    bodies = tree.model.jnt_bodyid[joints]
+    return [int(bodies[middle - 1]), int(bodies[middle]), int(bodies[-1])]
+
+
+def _left(tree: Tree, feet: Sequence[int], hips: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "3"]:
+    """To the robot's left at rest: along its hips, so that its feet point ahead, or else that it faces x."""
+    across = (hips[0] - hips[1]) * [1, 1, 0]
+    across /= max(float(np.linalg.norm(across)), 1e-9)
+    ahead = np.cross(across, [0, 0, 1])
+    point = sum((corners(tree.model, tree.rest, [foot]).mean(axis=0) - tree.anchors[tree.between(0, foot)[-1]]) @ ahead
+                for foot in feet if len(corners(tree.model, tree.rest, [foot])))  # fmt: skip
+    told = point if abs(point) > 0.01 else ahead[0]
+    left: np.ndarray = across if told >= 0 else -across
+    return left
+
+
+def _head(tree: Tree, found: Mapping[str, int]) -> int | None:
+    """The body of the head: by its name, or one over the shoulders that the chest carries, moved or not."""
+    named = [body for body, name in enumerate(tree.names) if "head" in name.lower()]
+    if named:
+        return named[0]
+    arms = {body for side in ("left", "right") for body in tree.chain(found[f"{side}_wrist"])}
+    height = max(tree.rest.xpos[found[f"{side}_shoulder"]][2] for side in ("left", "right"))
+    over = [
+        body for body in range(1, len(tree.names))
+        if found["spine3"] in tree.chain(body)[:-1] and body not in arms and tree.joints[body]
+        and not set(tree.chain(body)) & {found["left_shoulder"], found["right_shoulder"]}
+        and tree.rest.xpos[body][2] > height
+    ]  # fmt: skip
+    return max(over, default=None)

@@ -1,0 +1,127 @@
+"""Points of a robot that stand for our joints, how its bodies are turned against ours, and its soles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from scenectl.retarget.robots.mapping import Tree
+from scenectl.retarget.robots.shapes import corners
+from scenes.errors import UserError
+
+if TYPE_CHECKING:
+    from scenectl.retarget.robots.robot import Robot
+
+WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""From our world (y up) to a robot's (z up): (x, y, z) is (x, -z, y); its transpose is `TO_Y_UP["z"]`."""
+_LEVEL = 0.01
+"""Metres above the lowest point of a foot up to which its sole is level."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """A robot's joints as ours, at rest in our frame: metres, y up, left +x, facing +z, from the middle of its hips.
+
+    Attributes:
+        bodies: {our joint: (the body that carries it, where on it, m)}. A joint is where the axes of its hinges meet
+            and hangs on the body above them, so that they don't move it: a wrist on the forearm.
+        at: {our joint: where it is, ``[3]``}; `left_foot` and `right_foot` are the tips of the soles.
+        turn: from the robot's world at rest to that frame, ``[3, 3]``.
+        heels: {side: the heel's sole against the ankle, ``[3]``}.
+    """
+
+    bodies: dict[str, tuple[int, np.ndarray]]
+    at: dict[str, np.ndarray]
+    turn: Float[np.ndarray, "3 3"]
+    heels: dict[str, np.ndarray]
+
+    def length(self, a: str, b: str) -> float:
+        """Metres between two joints at rest."""
+        return float(np.linalg.norm(self.at[a] - self.at[b]))
+
+    @property
+    def legs(self) -> float:
+        """Height (m) of the hips over the soles with both legs stretched."""
+        lengths = [
+            self.length(f"{side}_hip", f"{side}_knee") + self.length(f"{side}_knee", f"{side}_ankle")
+            - self.at[f"{side}_foot"][1] + self.at[f"{side}_ankle"][1]
+            for side in ("left", "right")
+        ]  # fmt: skip
+        return sum(lengths) / 2
+
+
+def points_of(robot: Robot) -> Points:
+    """The points of a robot whose joints are mapped; raises UserError where its limbs have no length."""
+    tree = Tree(robot)
+    body = {joint: tree.names.index(name) for joint, name in robot.joints.items()}
+    world, bodies = dict[str, np.ndarray](), dict[str, tuple[int, np.ndarray]]()
+
+    def put(joint: str, on: int, place: np.ndarray) -> None:
+        world[joint] = place
+        bodies[joint] = on, tree.rest.xmat[on].reshape(3, 3).T @ (place - tree.rest.xpos[on])
+
+    for joint in body:
+        side, _, part = joint.partition("_")
+        if part not in _ABOVE:
+            continue
+        on = body[above if (above := _ABOVE[part]) in body else f"{side}_{above}"]
+        moving = tree.between(on, body[joint])
+        put(joint, on, meeting(tree.anchors[moving], tree.axes[moving]) if moving else tree.rest.xpos[body[joint]])
+        if part == "wrist" and body[joint] == on:
+            put(joint, on, tree.tip(on, world[f"{side}_elbow"]))
+    turn = _facing(world)
+    for side in ("left", "right"):
+        tip = _sole(tree, body[f"{side}_ankle"], turn, world[f"{side}_ankle"], front=True)
+        put(f"{side}_foot", body[f"{side}_ankle"], tip)
+    put("pelvis", body["pelvis"], (world["left_hip"] + world["right_hip"]) / 2)
+    put("spine3", body["spine3"], (world["left_shoulder"] + world["right_shoulder"]) / 2)
+    if "head" in body:
+        place = corners(tree.model, tree.rest, [body["head"]])
+        put("head", body["head"], place.mean(axis=0) if len(place) else tree.rest.xipos[body["head"]])
+    heels = {
+        side: turn @ (_sole(tree, body[f"{side}_ankle"], turn, world[f"{side}_ankle"], False) - world[f"{side}_ankle"])
+        for side in ("left", "right")
+    }
+    found = Points(bodies, {joint: turn @ (place - world["pelvis"]) for joint, place in world.items()}, turn, heels)
+    for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
+        if min(found.length(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right")) < 0.01:
+            raise UserError(f"'{robot.source}' has no length between {a} and {b}; state other bodies in `joints`")
+    return found
+
+
+_ABOVE = {"hip": "pelvis", "knee": "hip", "ankle": "knee", "shoulder": "spine3", "elbow": "shoulder", "wrist": "elbow"}
+
+
+def meeting(anchors: Float[np.ndarray, "n 3"], axes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
+    """The point nearest to some axes; along a single direction, near the last anchor."""
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    pull = 1e-3  # decides only along what the axes leave open
+    place: np.ndarray = np.linalg.solve(
+        across.sum(axis=0) + pull * np.eye(3), (across @ anchors[:, :, None]).sum(axis=0)[:, 0] + pull * anchors[-1]
+    )
+    return place
+
+
+def _facing(world: dict[str, np.ndarray]) -> Float[np.ndarray, "3 3"]:
+    """Rows: the robot's left, up and ahead in its world at rest."""
+    left = (world["left_hip"] - world["right_hip"]) * [1, 1, 0]
+    left /= max(float(np.linalg.norm(left)), 1e-9)
+    return np.stack([left, np.array([0.0, 0.0, 1.0]), np.cross(left, [0.0, 0.0, 1.0])])
+
+
+def _sole(
+    tree: Tree, foot: int, turn: np.ndarray, ankle: Float[np.ndarray, "3"], front: bool
+) -> Float[np.ndarray, "3"]:
+    """The foremost or hindmost point of a foot's sole (m, world), in the vertical plane through its ankle."""
+    below = [body for body in range(tree.model.nbody) if foot in tree.chain(body)]
+    points = corners(tree.model, tree.rest, below)
+    if not len(points):  # a foot without a shape is a point
+        return ankle
+    sole = points[:, 2].min()
+    ahead = (points[points[:, 2] < sole + _LEVEL] - ankle) @ turn[2]
+    tip: np.ndarray = ankle + turn[2] * (ahead.max() if front else ahead.min())
+    tip[2] = sole
+    return tip
