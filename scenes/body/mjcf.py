@@ -21,9 +21,6 @@ _ROOT = re.compile(r"\s*(?:<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^<>]*>|\s)*<([A-Za-z_]
 """The first element of an XML file, after its declaration and comments."""
 
 
-Named = list[tuple[str, Solid]]
-
-
 def read_robot(path: str | Path) -> Rig:
     """Read a robot from an XML file: MJCF where its root is <mujoco>, else URDF; see `read_mjcf` and `read_urdf`."""
     return read_mjcf(path) if root_tag(path) == "mujoco" else read_urdf(path)
@@ -91,28 +88,26 @@ def rig_of(model: Any, name: str, source: str) -> Rig:
     frames[:, :3, :3], frames[:, :3, 3] = data.xmat[1:].reshape(-1, 3, 3), data.xpos[1:]
     frames = Y_UP @ frames
     parts, doubts = [], []
-    for link, (body, frame) in enumerate(zip(links, frames, strict=True), start=1):
-        seen, collides = _shapes(model, link)
+    for body, (link, frame) in enumerate(zip(links, frames, strict=True), start=1):
+        collides, seen = geoms_of(model, body)
         if not seen and not collides:
             continue
-        parts.append(Part.of(body, frame, *joined([shape for _, shape in collides or seen])))
+        solids = [geom_solid(model, geom) for geom in collides or seen]
+        parts.append(Part.of(link, frame, *joined(solids)))
         if seen and collides:
-            doubts.append(uncovered(f"link '{body}'", seen, [shape for _, shape in collides]))
+            shown = [(geom_name(model, geom), geom_solid(model, geom)) for geom in seen]
+            doubts.append(uncovered(f"link '{link}'", shown, solids))
     if not parts:
         raise UserError("has no shapes on its bodies; export it with its meshes")
     above = tuple(int(parent) - 1 for parent in model.body_parentid[1:])
-    return Rig(name, source, links, above, frames, tuple(parts), tuple(doubt for doubt in doubts if doubt))
+    return Rig(name, source, links, above, frames, tuple(parts), tuple(filter(None, doubts)))
 
 
-def _shapes(model: Any, body: int) -> tuple[Named, Named]:
-    """Shapes of a body by name, in its frame: those that are only seen, and those that collide."""
-    seen: Named = []
-    collides: Named = []
-    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
-        if (shape := geom_solid(model, geom)) is not None:
-            among = collides if model.geom_contype[geom] or model.geom_conaffinity[geom] else seen
-            among.append((geom_name(model, geom), shape))
-    return seen, collides
+def geoms_of(model: Any, body: int) -> tuple[list[int], list[int]]:
+    """Geoms of a body that have a surface of their own: those that collide, and those that are only seen."""
+    geoms = [g for g in np.flatnonzero(model.geom_bodyid == body).tolist() if int(model.geom_type[g]) in _solids()]
+    collides = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
+    return collides, [g for g in geoms if g not in collides]
 
 
 def geom_name(model: Any, geom: int) -> str:
@@ -123,37 +118,45 @@ def geom_name(model: Any, geom: int) -> str:
     return str(model.mesh(mesh).name) if mesh >= 0 else f"geom {geom}"
 
 
-def geom_solid(model: Any, geom: int) -> Solid | None:
-    """Triangles of a geom in its body's frame; None for planes, height fields and distance fields.
+def geom_solid(model: Any, geom: int) -> Solid:
+    """Triangles of one of `geoms_of` in its body's frame.
 
     Raises:
         UserError: it reaches over `LARGEST`; the sentence carries on from the file's name.
     """
-    import mujoco
-
-    kinds = {
-        mujoco.mjtGeom.mjGEOM_BOX: ("box", 2.0),  # MuJoCo states half sizes
-        mujoco.mjtGeom.mjGEOM_SPHERE: ("sphere", 1.0),
-        mujoco.mjtGeom.mjGEOM_ELLIPSOID: ("ellipsoid", 1.0),
-        mujoco.mjtGeom.mjGEOM_CYLINDER: ("cylinder", np.array([1.0, 2.0, 1.0])),
-        mujoco.mjtGeom.mjGEOM_CAPSULE: ("capsule", np.array([1.0, 2.0, 1.0])),
-    }
-    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+    word, times = _solids()[int(model.geom_type[geom])]
+    if word == "mesh":
         vertices, faces = _mesh(model, int(model.geom_dataid[geom]))
-    elif kind in kinds:
-        word, times = kinds[kind]
-        vertices, faces = solid(word, (model.geom_size[geom] * times).tolist())
     else:
-        return None
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = turn.reshape(3, 3), model.geom_pos[geom]
-    placed = transform(frame, vertices)
+        vertices, faces = solid(word, (model.geom_size[geom] * times).tolist())
+    placed = transform(geom_frame(model, geom), vertices)
     if not (np.abs(placed) <= LARGEST).all():
         raise UserError(f"has the shape '{geom_name(model, geom)}' over {LARGEST:g} m from its body; check its size")
     return placed, faces
+
+
+def geom_frame(model: Any, geom: int) -> np.ndarray:
+    """Transform from a geom to its body, ``[4, 4]``."""
+    import mujoco
+
+    turn, frame = np.zeros(9), np.eye(4)
+    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+    frame[:3, :3], frame[:3, 3] = turn.reshape(3, 3), model.geom_pos[geom]
+    return frame
+
+
+def _solids() -> dict[int, tuple[str, tuple[float, ...]]]:
+    """Geoms with a surface of their own: what `solid` calls them, and its sizes in MuJoCo's."""
+    from mujoco import mjtGeom
+
+    return {
+        int(mjtGeom.mjGEOM_MESH): ("mesh", ()),
+        int(mjtGeom.mjGEOM_BOX): ("box", (2.0, 2.0, 2.0)),  # MuJoCo states half sizes
+        int(mjtGeom.mjGEOM_SPHERE): ("sphere", (1.0, 0.0, 0.0)),
+        int(mjtGeom.mjGEOM_ELLIPSOID): ("ellipsoid", (1.0, 1.0, 1.0)),
+        int(mjtGeom.mjGEOM_CYLINDER): ("cylinder", (1.0, 2.0, 0.0)),
+        int(mjtGeom.mjGEOM_CAPSULE): ("capsule", (1.0, 2.0, 0.0)),
+    }
 
 
 def _mesh(model: Any, mesh: int) -> Solid:
