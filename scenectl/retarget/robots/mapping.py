@@ -8,16 +8,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from scenectl.retarget.robots.shapes import corners
 from scenes.errors import UserError, did_you_mean
-
-if TYPE_CHECKING:
-    from scenectl.retarget.robots.robot import Robot
 
 LEG, ARM = ("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")
 LIMBS = tuple(f"{side}_{part}" for side in ("left", "right") for part in (*LEG, *ARM))
@@ -38,27 +35,25 @@ _HIGHER = 0.2
 """Share of its legs by which a humanoid's shoulders are over its hips at least; those of a quadruped are level."""
 
 
-def mapped(robot: Robot, stated: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+def mapped(tree: Tree, source: str, stated: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
     """{our joint: body} of a humanoid, and doubts.
 
     Raises:
         UserError: what is stated is no joint of ours or no body; not a humanoid.
     """
-    tree, doubts = Tree(robot), list[str]()
+    doubts = list[str]()
     for joint, body in stated.items():
         if joint not in NAMES:
             raise UserError(f"no robot is moved by our joint '{joint}'{did_you_mean(joint, NAMES)}")
         if body not in tree.names:
-            raise UserError(
-                f"body '{body}', stated as {joint}, is not in '{robot.source}'{did_you_mean(body, tree.names)}"
-            )
+            raise UserError(f"body '{body}', stated as {joint}, is not in '{source}'{did_you_mean(body, tree.names)}")
     found = {**_by_names(tree), **{joint: tree.names.index(body) for joint, body in stated.items()}}
     if not _whole(tree, found):
-        built = _by_geometry(tree, robot.source)
+        built = _by_geometry(tree, source)
         doubts.append("names of bodies and joints don't tell which are ours; they were told by geometry")
         found = {**built, **{joint: tree.names.index(body) for joint, body in stated.items()}}
         if not _whole(tree, found):
-            raise UserError(f"the bodies stated for '{robot.source}' don't hang on each other as limbs do; check them")
+            raise UserError(f"the bodies stated for '{source}' don't hang on each other as limbs do; check them")
     for side in ("left", "right"):
         found.setdefault(f"{side}_wrist", found[f"{side}_elbow"])
     found.setdefault("pelvis", tree.above(found["left_hip"], found["right_hip"]))
@@ -79,9 +74,8 @@ class Tree:
         model, rest: MuJoCo's.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        model = self.model = robot.model
-        self.rest = robot.rest
+    def __init__(self, model: Any, rest: Any) -> None:
+        self.model, self.rest = model, rest
         self.names = [model.body(i).name for i in range(model.nbody)]
         self.parents = model.body_parentid
         first, count = model.body_jntadr, model.body_jntnum
@@ -196,7 +190,7 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
     left = _left(tree, legs[:2], hips)
     found = {"pelvis": legs[2], "spine3": arms[2]}
     for limb, pair, at in ((LEG, legs, hips), (ARM, arms, shoulders)):
-        order = sorted((0, 1), key=lambda i: -float(at[i] @ left))  # noqa: B023 - used at once
+        order = sorted((0, 1), key=lambda i: -float(at[i] @ left))
         for side, i in zip(("left", "right"), order, strict=True):
             found |= {
                 f"{side}_{part}": body for part, body in zip(limb, _parts(tree, pair[2], pair[i], limb), strict=True)

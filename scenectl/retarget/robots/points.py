@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -11,9 +11,6 @@ from jaxtyping import Float
 from scenectl.retarget.robots.mapping import Tree
 from scenectl.retarget.robots.shapes import corners
 from scenes.errors import UserError
-
-if TYPE_CHECKING:
-    from scenectl.retarget.robots.robot import Robot
 
 WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From our world (y up) to a robot's (z up): (x, y, z) is (x, -z, y); its transpose is `TO_Y_UP["z"]`."""
@@ -53,10 +50,9 @@ class Points:
         return sum(lengths) / 2
 
 
-def points_of(robot: Robot) -> Points:
+def points_of(tree: Tree, joints: Mapping[str, str], source: str) -> Points:
     """The points of a robot whose joints are mapped; raises UserError where its limbs have no length."""
-    tree = Tree(robot)
-    body = {joint: tree.names.index(name) for joint, name in robot.joints.items()}
+    body = {joint: tree.names.index(name) for joint, name in joints.items()}
     world, bodies = dict[str, np.ndarray](), dict[str, tuple[int, np.ndarray]]()
 
     def put(joint: str, on: int, place: np.ndarray) -> None:
@@ -88,7 +84,7 @@ def points_of(robot: Robot) -> Points:
     found = Points(bodies, {joint: turn @ (place - world["pelvis"]) for joint, place in world.items()}, turn, heels)
     for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
         if min(found.length(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right")) < 0.01:
-            raise UserError(f"'{robot.source}' has no length between {a} and {b}; state other bodies in `joints`")
+            raise UserError(f"'{source}' has no length between {a} and {b}; state other bodies in `joints`")
     return found
 
 

@@ -1,79 +1,41 @@
-"""A humanoid robot from its own file, and which of its bodies move as which of our joints."""
+"""Robots that follow motions."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
+from scenectl.retarget.robots.humanoid import Humanoid
+from scenectl.retarget.robots.solve import solved
+from scenectl.retarget.robots.targets import resampled, targets
+from scenectl.retarget.robots.trajectory import Trajectory
+from scenes.errors import UserError
+from scenes.motion.motion import Motion
 
-from scenectl.retarget.robots.mapping import mapped
-from scenectl.retarget.robots.points import Points, points_of
-from scenectl.retarget.robots.reading import borrowed, read
-
-SPEED = 3 * math.pi
-"""Radians a second (metres of slides) where a file states no speed, as MJCF never does: GMR's default for all motors
-(general_motion_retargeting/motion_retarget.py). What Unitree states for the motors of its G1, 20 to 37, is more."""
-MARGIN = 0.005
-"""Radians (or metres) that joints stay away from the ends of their ranges, so that rounding in files exceeds none."""
+FPS = 50.0
+"""Frames a second at which controllers of humanoids track motions (mjlab, BeyondMimic)."""
 
 
-class Robot:
-    """A humanoid robot.
+class Robot(Humanoid):
+    """A humanoid robot from its own file, that can be made to follow motions: ``Robot("g1.xml").retarget(motion)``."""
 
-    Attributes:
-        name, source: the file's stem and the file.
-        model: MuJoCo's, with a free joint at the root, which comes first, and hinges and slides.
-        joints: {one of our 22 joints: the body of the model that moves as it does}.
-        names: of its joints but the free one, in the model's order, ``[n]``.
-        ranges: of these, rad or m, infinite where they are free, ``[n, 2]``.
-        speeds: largest of these, rad/s or m/s, ``[n]``.
-        stated: whether the file states each of those speeds, ``[n]``.
-        doubts: what whoever gave the file should hear about how it was read, one sentence each.
-    """
-
-    def __init__(self, file: str | Path, joints: Mapping[str, str] | None = None, speed: float = SPEED) -> None:
-        """Read an MJCF or a URDF.
+    def retarget(self, motion: Motion, fps: float = FPS, tasks: Sequence[Any] = (), limits: Sequence[Any] = ()) -> Any:
+        """Make the robot follow a motion.
 
         Args:
-            file: with the root <mujoco> or <robot>.
-            joints: {our joint: body} for what names and geometry get wrong.
-            speed: of joints (rad/s, or m/s of slides) for which the file states none.
+            motion: one ``[T, 22, 3]``, or several ``[S, T, 22, 3]``.
+            fps: frames a second of the trajectory.
+            tasks, limits: of mink, beside the robot's own.
+
+        Returns:
+            A `Trajectory`; a list of them for several motions.
 
         Raises:
-            UserError: no such file, no robot that MuJoCo reads, no humanoid, a body in `joints` that is not there, or
-                the extra `robots` is missing.
+            UserError: a motion without a valid frame or of other joints, or a rate that is not positive.
         """
-        found = read(file)
-        self.name, self.source, self.model = Path(file).stem, str(file), found.model
-        self.names = tuple(self.model.joint(i).name for i in range(1, self.model.njnt))
-        limited = self.model.jnt_limited[1:, None].astype(bool)
-        self.ranges: Float[np.ndarray, "n 2"] = np.where(limited, self.model.jnt_range[1:], [[-np.inf, np.inf]])
-        self.stated = np.array([name in found.speeds for name in self.names], bool)
-        self.speeds: Float[np.ndarray, " n"] = np.array([found.speeds.get(name, speed) for name in self.names])
-        self.joints, doubts = mapped(self, joints or {})
-        self.doubts = (*found.doubts, *doubts)
-
-    @property
-    def root(self) -> str:
-        """The body that the free joint moves."""
-        name: str = self.model.body(self.model.jnt_bodyid[0]).name
-        return name
-
-    @cached_property
-    def rest(self) -> Any:
-        """MuJoCo's data of the pose in which the file has it, all joints where the model says; not to be changed."""
-        mujoco = borrowed("mujoco")
-        data = mujoco.MjData(self.model)
-        mujoco.mj_kinematics(self.model, data)
-        mujoco.mj_comPos(self.model, data)
-        return data
-
-    @cached_property
-    def points(self) -> Points:
-        """Where our joints are on its bodies."""
-        return points_of(self)
+        if not 1 <= fps <= 1000:
+            raise UserError(f"{fps:g} frames a second are no rate for a robot; give 1 to 1000")
+        if motion.joints.ndim == 4:
+            return [self.retarget(motion[i], fps, tasks, limits) for i in range(len(motion.joints))]
+        wanted = targets(resampled(motion, fps), self.points)
+        return Trajectory(self, solved(self, wanted, tasks, limits), fps, wanted.source, wanted.plants, motion.t0)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from scenectl.retarget.plants import Plant
+from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.reading import borrowed
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Motion
-
-if TYPE_CHECKING:
-    from scenectl.retarget.robots.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +28,11 @@ class Trajectory:
         fps: frames a second.
         source: the motion that the robot follows, scaled to it, at this rate, ``[T, 22, 3]``, metres, y up; its feet
             (`left_foot`, `right_foot`) are the tips of the robot's soles.
-        plants: where the source's feet stand.
+        plants: where the robot's feet are to stand, in the frame of `source`: an ankle where the toes don't stand, too.
         t0: time (s) of the first frame on the clock of what moves in the scene.
     """
 
-    robot: Robot
+    robot: Humanoid
     qpos: Float[np.ndarray, "T Q"]
     fps: float
     source: Motion
@@ -53,7 +50,7 @@ class Trajectory:
         return np.arange(self.frames) / self.fps
 
     def joint(self, name: str) -> Float[np.ndarray, "T 3"]:
-        """Where one of our joints is on the robot (`Points.bodies`), metres, z up; raises UserError for one it lacks."""
+        """Where one of our joints is on the robot (`Points.bodies`), metres, z up; UserError for one it lacks."""
         return self.joints((name,))[:, 0]
 
     def joints(self, names: Sequence[str]) -> Float[np.ndarray, "T n 3"]:

@@ -1,0 +1,91 @@
+"""A humanoid robot from its own file, and which of its bodies move as which of our joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from scenectl.retarget.robots.mapping import Tree, mapped
+from scenectl.retarget.robots.points import Points, points_of
+from scenectl.retarget.robots.reading import borrowed, read
+
+SPEED = 3 * math.pi
+"""Radians a second (metres of slides) where a file states no speed, as MJCF never does: GMR's default for all motors
+(general_motion_retargeting/motion_retarget.py). What Unitree states for the motors of its G1, 20 to 37, is more."""
+MARGIN = 0.005
+"""Radians (or metres) that joints stay away from the ends of their ranges, so that rounding in files exceeds none."""
+
+
+class Humanoid:
+    """A humanoid robot, and what is known of it; `Robot` moves it.
+
+    Attributes:
+        name, source: the file's stem and the file.
+        model: MuJoCo's, with a free joint at the root, which comes first, and hinges and slides.
+        joints: {one of our 22 joints: the body of the model that moves as it does}.
+        names: of its joints but the free one, in the model's order, ``[n]``.
+        ranges: of these, rad or m, infinite where they are free, ``[n, 2]``.
+        speeds: largest of these, rad/s or m/s, ``[n]``.
+        stated: whether the file states each of those speeds, ``[n]``.
+        doubts: what whoever gave the file should hear about how it was read, one sentence each.
+    """
+
+    def __init__(self, file: str | Path, joints: Mapping[str, str] | None = None, speed: float = SPEED) -> None:
+        """Read an MJCF or a URDF.
+
+        Args:
+            file: with the root <mujoco> or <robot>.
+            joints: {our joint: body} for what names and geometry get wrong.
+            speed: of joints (rad/s, or m/s of slides) for which the file states none.
+
+        Raises:
+            UserError: no such file, no robot that MuJoCo reads, no humanoid, a body in `joints` that is not there, or
+                the extra `robots` is missing.
+        """
+        found = read(file)
+        self.name, self.source, self.model = Path(file).stem, str(file), found.model
+        self.names = tuple(self.model.joint(i).name for i in range(1, self.model.njnt))
+        limited = self.model.jnt_limited[1:, None].astype(bool)
+        self.ranges: Float[np.ndarray, "n 2"] = np.where(limited, self.model.jnt_range[1:], [[-np.inf, np.inf]])
+        self.stated = np.array([name in found.speeds for name in self.names], bool)
+        self.speeds: Float[np.ndarray, " n"] = np.array([found.speeds.get(name, speed) for name in self.names])
+        self.joints, doubts = mapped(self.tree, self.source, joints or {})
+        self.doubts = (*found.doubts, *doubts)
+
+    @property
+    def root(self) -> str:
+        """The body that the free joint moves."""
+        name: str = self.model.body(self.model.jnt_bodyid[0]).name
+        return name
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "2 n"]:
+        """Lowest and highest that joints are moved to: their ranges, `MARGIN` away from either end."""
+        low, high = self.ranges.T
+        margin = np.minimum(MARGIN, (high - low) / 4)
+        return np.stack([low + margin, high - margin])
+
+    @cached_property
+    def rest(self) -> Any:
+        """MuJoCo's data of the pose in which the file has it, all joints where the model says; not to be changed."""
+        mujoco = borrowed("mujoco")
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        return data
+
+    @cached_property
+    def tree(self) -> Tree:
+        """Its bodies at rest."""
+        return Tree(self.model, self.rest)
+
+    @cached_property
+    def points(self) -> Points:
+        """Where our joints are on its bodies."""
+        return points_of(self.tree, self.joints, self.source)

@@ -1,0 +1,70 @@
+"""What a robot follows as rows of a least-squares problem, and what each costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from scenectl.retarget.robots.humanoid import Humanoid
+from scenectl.retarget.robots.targets import TURNED, Targets
+
+PLACES = {
+    "ankle": 30.0, "foot": 10.0, "wrist": 10.0, "pelvis": 4.0, "elbow": 3.0, "knee": 1.0, "spine3": 1.0,
+}  # fmt: skip
+"""Costs of a metre, by our joints: feet stand first, then hands reach, then all the rest looks like the motion."""
+TURNS = {"ankle": 2.0, "pelvis": 1.5, "spine3": 1.0, "head": 0.3}
+"""Costs of a radian."""
+STANDING = 10.0
+"""Times the cost of a foot that stands."""
+EASE, STEADY = 0.02, 0.05
+"""Costs of a radian away from the robot's rest, for what targets leave open, and from the frame before."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Points and bodies that follow targets, in the order of their rows.
+
+    Attributes:
+        points: (body, where on it) of each place.
+        bodies: of each turn.
+        places: ``[T, p, 3]``.
+        turns: ``[T, r, 3, 3]``.
+        costs: ``[T, 3 (p + r)]``.
+    """
+
+    points: list[tuple[int, np.ndarray]]
+    bodies: list[int]
+    places: Float[np.ndarray, "T p 3"]
+    turns: Float[np.ndarray, "T r 3 3"]
+    costs: Float[np.ndarray, "T k"]
+
+
+def rows_of(robot: Humanoid, targets: Targets) -> Rows:
+    """The targets that a robot has bodies for."""
+    points, model, rest = robot.points, robot.model, robot.rest
+    names = [name for name in targets.places if name.split("_")[-1] in PLACES and name in points.bodies]
+    turned = [name for name in TURNED if name in robot.joints]
+    bodies = [model.body(robot.joints[name]).id for name in turned]
+    costs = [_cost(name, PLACES, targets) for name in names] + [_cost(name, TURNS, targets) for name in turned]
+    turns = [
+        targets.turns[name] @ points.turn @ rest.xmat[body].reshape(3, 3)
+        for name, body in zip(turned, bodies, strict=True)
+    ]
+    return Rows(
+        [points.bodies[name] for name in names],
+        bodies,
+        np.stack([targets.places[name] for name in names], axis=1),
+        np.stack(turns, axis=1),
+        np.repeat(np.stack(costs, axis=1), 3, axis=1),
+    )
+
+
+def _cost(name: str, costs: dict[str, float], targets: Targets) -> Float[np.ndarray, " T"]:
+    side, _, part = name.rpartition("_")
+    cost = np.full(len(targets.source.joints), costs[part])
+    for plant in targets.plants:
+        if plant.joint.startswith(side or "-") and part in ("ankle", "foot"):
+            cost[plant.begin : plant.end] = STANDING * costs[part]
+    return cost

@@ -1,0 +1,84 @@
+"""Inverse kinematics: a robot's free joint and joints, frame by frame, so that it follows its targets.
+
+Each frame is a few steps of Gauss and Newton, quadratic programs that mink builds and DAQP solves, from where the frame
+before ended. Ranges and speeds of joints bound every step: a frame lies within what the one before can reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from scenectl.retarget.robots.humanoid import Humanoid
+from scenectl.retarget.robots.reading import borrowed
+from scenectl.retarget.robots.rows import rows_of
+from scenectl.retarget.robots.targets import Targets
+
+FIRST, STEPS, ENOUGH = 60, 4, 2e-3
+"""Steps for the first frame and for each other, and radians or metres of a step after which no more are made."""
+NEAR = 0.999
+"""Share of speeds that is used, so that numbers rounded in files exceed none."""
+
+
+def solved(
+    robot: Humanoid, targets: Targets, tasks: Sequence[Any] = (), limits: Sequence[Any] = ()
+) -> Float[np.ndarray, "T Q"]:
+    """The robot's qpos over time.
+
+    Args:
+        robot: whose.
+        targets: what it follows.
+        tasks: of mink, beside the targets.
+        limits: of mink, beside ranges and speeds of joints.
+    """
+    mink, qpsolvers, mujoco = borrowed("mink"), borrowed("qpsolvers"), borrowed("mujoco")
+    from scenectl.retarget.robots.follow import Follow
+
+    rows, model = rows_of(robot, targets), robot.model
+    configuration = mink.Configuration(model, _start(robot, targets))
+    follow = Follow(robot, rows)
+    reach = robot.speeds * NEAR / targets.source.fps
+    low, high = robot.bounds
+    found = np.empty((len(rows.places), model.nq))
+    for frame in range(len(found)):
+        before = configuration.q[7:].copy()
+        least, most = (low, high) if frame == 0 else (np.maximum(low, before - reach), np.minimum(high, before + reach))
+        follow.at(frame, configuration.q)
+        for _ in range(STEPS if frame else FIRST):
+            problem = mink.build_ik(configuration, [follow, *tasks], 1 / targets.source.fps, 1e-9, limits)
+            joints = configuration.data.qpos[7:]
+            problem.lb = np.concatenate([_FREE[0], least - joints])
+            problem.ub = np.concatenate([_FREE[1], most - joints])
+            solution = qpsolvers.solve_problem(problem, "daqp")
+            if not solution.found:
+                break
+            qpos = configuration.q.copy()
+            mujoco.mj_integratePos(model, qpos, solution.x, 1.0)
+            qpos[7:] = np.clip(qpos[7:], least, most)
+            configuration.update(qpos)
+            if np.abs(solution.x).max() < ENOUGH:
+                break
+        found[frame] = configuration.q
+    return found
+
+
+_FREE = np.full((2, 6), [[-1.0], [1.0]])
+"""Metres and radians of a step of the free joint: what a linear model is good for."""
+
+
+def _start(robot: Humanoid, targets: Targets) -> Float[np.ndarray, " Q"]:
+    """The robot at rest where its hips begin, turned as they are."""
+    points, rest, model = robot.points, robot.rest, robot.model
+    qpos: np.ndarray = model.qpos0.copy()
+    turn = targets.turns["pelvis"][0] @ points.turn
+    root = model.body(robot.root).id
+    body, where = points.bodies["pelvis"]
+    hips = rest.xpos[body] + rest.xmat[body].reshape(3, 3) @ where
+    qpos[:3] = targets.places["pelvis"][0] + turn @ (rest.xpos[root] - hips)
+    qpos[3:7] = Rotation.from_matrix(turn @ rest.xmat[root].reshape(3, 3)).as_quat(scalar_first=True)
+    qpos[7:] = np.clip(qpos[7:], *robot.bounds)
+    return qpos
