@@ -9,6 +9,7 @@ satisfies it, so it takes no solution from limits of joints and speeds that allo
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,17 +24,19 @@ from scenes.world.scene import Scene
 if TYPE_CHECKING:
     from mink import Constraint
 
-    from scenectl.retarget.robots.robot import Robot
+    from scenectl.retarget.robots.humanoid import Humanoid
 
 MARGIN = 0.005
 """Metres that stay free between capsules and what they avoid: mink's default."""
 REACH = 0.05
 """Metres beyond what gaps should be from which they are limited: at 50 frames a second, nothing slower than 2.5 m/s
 jumps it."""
+PASSES, ENOUGH = 3, 0.003
+"""How often inverse kinematics is repeated with the scene where it was left, and metres that are clear enough."""
 _MOST = 4
 """Samples of a body that count at a frame, the nearest ones: three hold a flat sole."""
-COST = 100.0
-"""Of gaps, in mink's units (cost a metre)."""
+COST = 300.0
+"""Of a metre of gap, in mink's units: as much as of a foot that stands (`rows.STANDING`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,21 +54,36 @@ class Rows:
     gradient: Float[np.ndarray, "k V"]
 
 
+_NONE = Rows(np.zeros(0), np.zeros(0), np.zeros((0, 0)))
+
+
 class Avoidance:
     """Gaps that stay open."""
 
-    def __init__(self, robot: Robot, cost: float = COST, margin: float = MARGIN) -> None:
+    def __init__(self, robot: Humanoid, cost: float = COST, margin: float = MARGIN) -> None:
         """Prepare a robot's capsules; they shall stay `margin` (m) apart, weighed by `cost`."""
         self.capsules: Capsules = capsules_of(robot)
         self.cost, self.margin = cost, margin
+        self.frame, self._known = 0, (b"", _NONE)
 
     @abstractmethod
     def rows(self, data: Any) -> Rows:
         """The gaps below `REACH` where MuJoCo's data has the bodies (after `mj_kinematics` and `mj_comPos`)."""
 
+    def at(self, frame: int) -> None:
+        """Attend to a frame."""
+        self.frame, self._known = frame, (b"", _NONE)
+
+    def _rows(self, data: Any) -> Rows:
+        """`rows`, found once for both the task and the limit of a configuration."""
+        key = data.qpos.tobytes()
+        if self._known[0] != key:
+            self._known = key, self.rows(data)
+        return self._known[1]
+
     def compute_qp_residual(self, configuration: Any) -> tuple[np.ndarray, np.ndarray, float]:
         """As mink's tasks: a weighted Jacobian, a weighted error, and no damping."""
-        rows = self.rows(configuration.data)
+        rows = self._rows(configuration.data)
         small = rows.distance < rows.least
         return self.cost * rows.gradient[small], self.cost * (rows.least - rows.distance)[small], 0.0
 
@@ -73,7 +91,7 @@ class Avoidance:
         """As mink's limits: G dq <= h."""
         from mink import Constraint
 
-        rows = self.rows(configuration.data)
+        rows = self._rows(configuration.data)
         return Constraint(-rows.gradient, np.maximum(rows.distance - rows.least, 0.0))
 
     def _along(
@@ -95,15 +113,16 @@ class Avoidance:
 
 
 class SelfAvoidance(Avoidance):
-    """The robot's capsules stay clear of each other: of those in `Capsules.pairs`."""
+    """The robot's capsules stay clear of each other: of `Capsules.pairs`, the nearest of each two bodies."""
 
     def rows(self, data: Any) -> Rows:
         """See `Avoidance.rows`; the gradient is that of the nearest points of both."""
         capsules = self.capsules
         places = capsules.placed(data.xpos[None], data.xmat.reshape(1, -1, 3, 3))[0]
-        gaps = capsules.self_distances(places)
-        near = np.flatnonzero(gaps.distance < self.margin + REACH)
-        first, second = capsules.bodies[capsules.pairs[near]].T
+        gaps = capsules.self_distances(places, self.margin + REACH)
+        bodies = capsules.bodies[capsules.pairs[gaps.pairs]]
+        near = _lowest(gaps.distance, bodies @ [capsules.model.nbody, 1], 1, self.margin + REACH)
+        first, second = bodies[near].T
         between = gaps.b[near] - gaps.a[near]
         length = np.linalg.norm(between, axis=1, keepdims=True)
         normals = np.where(length > 1e-9, between / np.maximum(length, 1e-9), [0.0, 0.0, 1.0])
@@ -128,14 +147,16 @@ class SceneAvoidance(Avoidance):
     """The robot's capsules stay clear of a scene: soles may stand on it as deep as they do at rest.
 
     `look` asks the scene once for all frames of a trajectory, where a first pass of inverse kinematics put the robot,
-    and keeps a plane for each sample that is near something; `frame` says which of them count. After a second pass
-    `look` again, where the robot was moved far.
+    and keeps a plane for each sample that is near something; `at` says which of them count. After a second pass `look`
+    again, where the robot was moved far.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, t0: float = 0.0, cost: float = COST, margin: float = MARGIN) -> None:
+    def __init__(
+        self, robot: Humanoid, scene: Scene, t0: float = 0.0, cost: float = COST, margin: float = MARGIN
+    ) -> None:
         """Prepare a robot for a scene in our world (y up) whose clock is at `t0` (s) at the first frame."""
         super().__init__(robot, cost, margin)
-        self.scene, self.t0, self.frame = scene, t0, 0
+        self.scene, self.t0 = scene, t0
         self.least = np.minimum(margin, self.capsules.rest_heights)
         self._near: list[_Planes] = []
 
@@ -149,7 +170,7 @@ class SceneAvoidance(Avoidance):
         distance -= capsules.radii[owners]
         self._near = []
         for frame in range(len(qpos)):
-            near = _nearest(distance[frame] - self.least, capsules.bodies[owners])
+            near = _lowest(distance[frame] - self.least, capsules.bodies[owners], _MOST, REACH)
             self._near.append(_Planes(near, places[frame, near], distance[frame, near], normals[frame, near]))
         return float(np.maximum(self.least - distance, 0.0).max(initial=0.0))
 
@@ -167,12 +188,45 @@ class SceneAvoidance(Avoidance):
         return Rows(distance[near], least[near], gradient)
 
 
-def _nearest(over: Float[np.ndarray, " S"], bodies: Int[np.ndarray, " S"]) -> Int[np.ndarray, " k"]:
-    """Of samples that are `over` (m) what they should be, those in reach, and of each body the `_MOST` lowest."""
-    order = np.lexsort((over, bodies))
-    _, begin, count = np.unique(bodies[order], return_index=True, return_counts=True)
+def clear(
+    solve: Callable[[Sequence[Avoidance]], Float[np.ndarray, "T Q"]],
+    robot: Humanoid,
+    fps: float,
+    scene: Scene | None = None,
+    t0: float = 0.0,
+) -> Float[np.ndarray, "T Q"]:
+    """Move a robot clear of itself and of a scene.
+
+    Args:
+        solve: inverse kinematics with some avoidance as tasks and as limits; calls `Avoidance.at` for each frame.
+        robot: whose.
+        fps: frames a second.
+        scene: y up, or None.
+        t0: time (s) of the first frame on the scene's clock.
+
+    Returns:
+        The robot's qpos over time. What is still in the way was not avoidable at its cost.
+    """
+    own = SelfAvoidance(robot)
+    qpos = solve([own])
+    if scene is None:
+        return qpos
+    there = SceneAvoidance(robot, scene, t0)
+    for _ in range(PASSES):
+        if there.look(qpos, fps) < ENOUGH:
+            break
+        qpos = solve([own, there])
+    return qpos
+
+
+def _lowest(
+    values: Float[np.ndarray, " n"], groups: Int[np.ndarray, " n"], most: int, below: float
+) -> Int[np.ndarray, " k"]:
+    """Indices of the lowest values of each group, `most` of each, that are `below` a value."""
+    order = np.lexsort((values, groups))
+    _, begin, count = np.unique(groups[order], return_index=True, return_counts=True)
     rank = np.arange(len(order)) - np.repeat(begin, count)
-    found: np.ndarray = order[(rank < _MOST) & (over[order] < REACH)]
+    found: np.ndarray = order[(rank < most) & (values[order] < below)]
     return found
 
 

@@ -20,11 +20,11 @@ from scenes.mesh.content import joined
 from scenes.motion.frames import transform
 
 if TYPE_CHECKING:
-    from scenectl.retarget.robots.robot import Robot
+    from scenectl.retarget.robots.humanoid import Humanoid
 
 _SPACING = 1.0
 """Radii between samples of a capsule: at flat surfaces nothing is overlooked, 0.13 radii where a point touches."""
-_FITTED: WeakKeyDictionary[Robot, Capsules] = WeakKeyDictionary()
+_FITTED: WeakKeyDictionary[Humanoid, Capsules] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,23 +98,40 @@ class Capsules:
         both = [carried(places, turns, self.bodies, self.ends[:, end]) for end in range(2)]
         return np.stack(both, axis=2)
 
-    def self_distances(self, places: Float[np.ndarray, "C 2 3"]) -> Gaps:
-        """Of `pairs`, their ends being at ``places``."""
+    def self_distances(self, places: Float[np.ndarray, "C 2 3"], reach: float = math.inf) -> Gaps:
+        """Of those of `pairs` that may be within `reach` (m), the capsules' ends being at ``places``."""
+        middles, halves = places.mean(axis=1), self._halves
         first, second = self.pairs.T
+        away = np.square(middles[first] - middles[second]).sum(axis=1)
+        near = np.flatnonzero(away <= np.square(halves[first] + halves[second] + reach))
+        first, second = self.pairs[near].T
         distance, a, b = segments_apart(places[first], places[second])
-        return Gaps(distance - self.radii[first] - self.radii[second], a, b)
+        return Gaps(near, distance - self.radii[first] - self.radii[second], a, b)
+
+    @cached_property
+    def _halves(self) -> Float[np.ndarray, " C"]:
+        """How far (m) each reaches from its middle."""
+        found: np.ndarray = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1) / 2 + self.radii
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Gaps:
-    """Between pairs of capsules: distance of their surfaces (m) ``[P]``, nearest points of the segments ``[P, 3]``."""
+    """Between some of `Capsules.pairs`.
 
-    distance: Float[np.ndarray, " P"]
-    a: Float[np.ndarray, "P 3"]
-    b: Float[np.ndarray, "P 3"]
+    Attributes:
+        pairs: which, ``[k]``.
+        distance: of their surfaces, metres, ``[k]``.
+        a, b: nearest points of the segments, ``[k, 3]``.
+    """
+
+    pairs: Int[np.ndarray, " k"]
+    distance: Float[np.ndarray, " k"]
+    a: Float[np.ndarray, "k 3"]
+    b: Float[np.ndarray, "k 3"]
 
 
-def capsules_of(robot: Robot) -> Capsules:
+def capsules_of(robot: Humanoid) -> Capsules:
     """Capsules around a robot's bodies, fitted once (a Unitree G1's in 2 s) and kept with the robot.
 
     Capsules and balls of the file stand for themselves; `fit_part` fits one around all else of a body, as for
@@ -128,7 +145,7 @@ def capsules_of(robot: Robot) -> Capsules:
     return _FITTED[robot]
 
 
-def _fitted(robot: Robot) -> Capsules:
+def _fitted(robot: Humanoid) -> Capsules:
     model, found, places, lowest = robot.model, [], poses(robot.model, robot.model.qpos0[None]), [math.inf]
     try:
         for body in range(1, model.nbody):

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from scenectl.retarget.robots.avoid import Avoidance
 from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.reading import borrowed
 from scenectl.retarget.robots.rows import rows_of
@@ -25,7 +26,11 @@ NEAR = 0.999
 
 
 def solved(
-    robot: Humanoid, targets: Targets, tasks: Sequence[Any] = (), limits: Sequence[Any] = ()
+    robot: Humanoid,
+    targets: Targets,
+    tasks: Sequence[Any] = (),
+    limits: Sequence[Any] = (),
+    avoid: Sequence[Avoidance] = (),
 ) -> Float[np.ndarray, "T Q"]:
     """The robot's qpos over time.
 
@@ -34,6 +39,7 @@ def solved(
         targets: what it follows.
         tasks: of mink, beside the targets.
         limits: of mink, beside ranges and speeds of joints.
+        avoid: what is avoided, both as tasks and as limits.
     """
     mink, qpsolvers, mujoco = borrowed("mink"), borrowed("qpsolvers"), borrowed("mujoco")
     from scenectl.retarget.robots.follow import Follow
@@ -48,8 +54,12 @@ def solved(
         before = configuration.q[7:].copy()
         least, most = (low, high) if frame == 0 else (np.maximum(low, before - reach), np.minimum(high, before + reach))
         follow.at(frame, configuration.q)
+        for one in avoid:
+            one.at(frame)
         for _ in range(STEPS if frame else FIRST):
-            problem = mink.build_ik(configuration, [follow, *tasks], 1 / targets.source.fps, 1e-9, limits)
+            problem = mink.build_ik(
+                configuration, [follow, *tasks, *avoid], 1 / targets.source.fps, 1e-9, [*limits, *avoid]
+            )
             joints = configuration.data.qpos[7:]
             problem.lb = np.concatenate([_FREE[0], least - joints])
             problem.ub = np.concatenate([_FREE[1], most - joints])

@@ -101,9 +101,12 @@ def test_gradients_of_gaps_are_differences(robot: Robot) -> None:
         def gaps(q: np.ndarray, capsules: Any = capsules) -> np.ndarray:
             return capsules.self_distances(capsules.placed(*poses(robot.model, q[None]))[0]).distance
 
-        here = gaps(q)
-        near, rows = np.flatnonzero(here < avoid.margin + REACH), avoid.rows(at(robot, q))
+        here, rows = gaps(q), avoid.rows(at(robot, q))
+        near = np.array([int(np.abs(here - distance).argmin()) for distance in rows.distance], dtype=int)
         np.testing.assert_allclose(rows.distance, here[near])
+        low = np.flatnonzero(here < avoid.margin + REACH)
+        bodies = capsules.bodies[capsules.pairs]
+        assert {tuple(pair) for pair in bodies[low]} == {tuple(pair) for pair in bodies[near]}
         for k, step in enumerate(1e-6 * np.eye(robot.model.nv)):
             change = (gaps(moved(robot, q, step)) - gaps(moved(robot, q, -step)))[near] / 2e-6
             np.testing.assert_allclose(rows.gradient[:, k], change, atol=1e-5)
