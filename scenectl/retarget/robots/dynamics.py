@@ -175,7 +175,11 @@ def torque_limits(model: Any) -> Float[np.ndarray, " n"]:
         if model.actuator_forcelimited[motor]:
             most = float(np.abs(model.actuator_forcerange[motor]).min())
         plain = int(model.actuator_gaintype[motor]) == int(mjtGain.mjGAIN_FIXED)
-        if plain and int(model.actuator_biastype[motor]) == int(mjtBias.mjBIAS_NONE) and model.actuator_ctrllimited[motor]:
+        if (
+            plain
+            and int(model.actuator_biastype[motor]) == int(mjtBias.mjBIAS_NONE)
+            and model.actuator_ctrllimited[motor]
+        ):
             gain = abs(float(model.actuator_gainprm[motor, 0]))
             most = min(most, gain * float(np.abs(model.actuator_ctrlrange[motor]).min()))
         found[model.actuator_trnid[motor, 0]] += most * abs(float(model.actuator_gear[motor, 0]))

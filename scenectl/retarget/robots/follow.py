@@ -20,10 +20,14 @@ class Follow(mink.tasks.BaseTask):  # type: ignore[misc]
         self.rows, self.nv = rows, robot.model.nv
         self.on = [body for body, _ in rows.points]
         self.where = np.array([where for _, where in rows.points])
+        self.toward(np.clip(robot.model.qpos0[7:], *robot.bounds)[None].repeat(len(rows.places), axis=0), EASE)
+
+    def toward(self, joints: Float[np.ndarray, "T n"], cost: float) -> None:
+        """Stay near a pose at every frame, at so much a radian."""
+        self.pose, self.ease = joints, cost
         kept = self.nv - 6
-        self.rest = np.clip(robot.model.qpos0[7:], *robot.bounds)
-        self.jacobian = np.zeros((3 * (len(rows.points) + len(rows.bodies)) + 2 * kept, self.nv))
-        self.jacobian[-2 * kept :, 6:] = np.concatenate([EASE * np.eye(kept), STEADY * np.eye(kept)])
+        self.jacobian = np.zeros((3 * (len(self.on) + len(self.rows.bodies)) + 2 * kept, self.nv))
+        self.jacobian[-2 * kept :, 6:] = np.concatenate([cost * np.eye(kept), STEADY * np.eye(kept)])
 
     def at(self, frame: int, before: Float[np.ndarray, " Q"]) -> None:
         """Follow a frame, from the pose of the frame before."""
@@ -46,7 +50,7 @@ class Follow(mink.tasks.BaseTask):  # type: ignore[misc]
         jacobian[:count] *= costs[:, None]
         change = np.concatenate([(rows.places[frame] - places).ravel(), off.ravel()]) * costs
         joints = data.qpos[7:]
-        change = np.concatenate([change, EASE * (self.rest - joints), self.steady * (self.before - joints)])
+        change = np.concatenate([change, self.ease * (self.pose[frame] - joints), self.steady * (self.before - joints)])
         return jacobian, change, 0.0
 
     def compute_qp_objective(self, configuration: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from scenectl.retarget.robots.mapping import Tree, mapped
+from scenectl.retarget.robots.mapping import ARM, LEG, SIDES, Tree, mapped
 from scenectl.retarget.robots.points import Points, points_of
 from scenectl.retarget.robots.reading import borrowed, read
 
@@ -20,6 +20,11 @@ SPEED = 3 * math.pi
 (general_motion_retargeting/motion_retarget.py). What Unitree states for the motors of its G1, 20 to 37, is more."""
 MARGIN = 0.005
 """Radians (or metres) that joints stay away from the ends of their ranges, so that rounding in files exceeds none."""
+_BENT = 0.1
+"""Radians that knees and elbows stay bent. Straight limbs cannot say which way to bend, and knees snap: so little costs
+a leg a thousandth of its length."""
+_ANGLES = 181
+"""At which a limb's length is looked at, 2 degrees apart."""
 
 
 class Humanoid:
@@ -64,12 +69,45 @@ class Humanoid:
         name: str = self.model.body(self.model.jnt_bodyid[0]).name
         return name
 
-    @property
+    @cached_property
     def bounds(self) -> Float[np.ndarray, "2 n"]:
-        """Lowest and highest that joints are moved to: their ranges, `MARGIN` away from either end."""
+        """Lowest and highest that joints are moved to, ``[2, n]``.
+
+        Their ranges, `MARGIN` away from either end; and knees and elbows are never quite straight nor bent backwards.
+        """
         low, high = self.ranges.T
         margin = np.minimum(MARGIN, (high - low) / 4)
-        return np.stack([low + margin, high - margin])
+        low, high = low + margin, high - margin
+        for joint, straight in self._hinges():
+            least, most = straight + _BENT, straight - _BENT
+            if high[joint] - straight > straight - low[joint]:
+                low[joint] = min(max(low[joint], least), high[joint])
+            else:
+                high[joint] = max(min(high[joint], most), low[joint])
+        return np.stack([low, high])
+
+    def _hinges(self) -> Iterator[tuple[int, float]]:
+        """Knees and elbows, counted without the free joint, and the angle (rad) at which each limb is straight."""
+        mujoco = borrowed("mujoco")
+        data = mujoco.MjData(self.model)
+        for start, hinge, end in ((f"{side}_{part}" for part in limb) for limb in (LEG, ARM) for side in SIDES):
+            top, body = (self.tree.names.index(self.joints[name]) for name in (start, hinge))
+            (above, here), (below, there) = self.points.bodies[start], self.points.bodies[end]
+            best = 0.0
+            for joint in self.tree.between(top, body):
+                low, high = self.ranges[joint - 1]
+                far, angles = [], np.linspace(max(low, -math.pi) - 0.5, min(high, math.pi) + 0.5, _ANGLES)
+                for angle in angles:
+                    data.qpos[:] = self.model.qpos0
+                    data.qpos[6 + joint] = angle
+                    mujoco.mj_kinematics(self.model, data)
+                    ends = [
+                        data.xpos[on] + data.xmat[on].reshape(3, 3) @ at for on, at in ((above, here), (below, there))
+                    ]
+                    far.append(float(np.linalg.norm(ends[0] - ends[1])))
+                if max(far) - min(far) > best:
+                    best, found = max(far) - min(far), (joint - 1, float(angles[int(np.argmax(far))]))
+            yield found
 
     @cached_property
     def rest(self) -> Any:

@@ -16,8 +16,9 @@ from jaxtyping import Float
 from scenectl.retarget.robots.shapes import corners
 from scenes.errors import UserError, did_you_mean
 
+SIDES = ("left", "right")
 LEG, ARM = ("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")
-LIMBS = tuple(f"{side}_{part}" for side in ("left", "right") for part in (*LEG, *ARM))
+LIMBS = tuple(f"{side}_{part}" for side in SIDES for part in (*LEG, *ARM))
 NAMES = ("pelvis", "spine3", "head", *LIMBS)
 """Our joints that bodies of a robot can move as; all but the head must be there. `spine3` is the chest."""
 
@@ -54,7 +55,7 @@ def mapped(tree: Tree, source: str, stated: Mapping[str, str]) -> tuple[dict[str
         found = {**built, **{joint: tree.names.index(body) for joint, body in stated.items()}}
         if not _whole(tree, found):
             raise UserError(f"the bodies stated for '{source}' don't hang on each other as limbs do; check them")
-    for side in ("left", "right"):
+    for side in SIDES:
         found.setdefault(f"{side}_wrist", found[f"{side}_elbow"])
     found.setdefault("pelvis", tree.above(found["left_hip"], found["right_hip"]))
     found.setdefault("spine3", tree.above(found["left_shoulder"], found["right_shoulder"]))
@@ -112,7 +113,7 @@ class Tree:
 
 def _whole(tree: Tree, found: Mapping[str, int]) -> bool:
     """Whether all limbs are there, each body below the one before and moved against it."""
-    for side in ("left", "right"):
+    for side in SIDES:
         for limb in (LEG, ARM):
             bodies = [found.get(f"{side}_{part}") for part in limb]
             bodies = bodies[:-1] if limb == ARM and bodies[-1] is None else bodies
@@ -147,7 +148,7 @@ def _part(name: str) -> str | None:
     side = next((_SIDES[word] for word in words if word in _SIDES), None)
     text = "".join(word for word in words if word not in _SIDES)
     if side is None:
-        side = next((side for side in ("left", "right") if text.startswith(side)), None)
+        side = next((side for side in SIDES if text.startswith(side)), None)
     if side is None or _FINGERS.search(text):
         return None
     return next((f"{side}_{part}" for part, known in _WORDS.items() if any(word in text for word in known)), None)
@@ -191,7 +192,7 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
     found = {"pelvis": legs[2], "spine3": arms[2]}
     for limb, pair, at in ((LEG, legs, hips), (ARM, arms, shoulders)):
         order = sorted((0, 1), key=lambda i: -float(at[i] @ left))
-        for side, i in zip(("left", "right"), order, strict=True):
+        for side, i in zip(SIDES, order, strict=True):
             found |= {
                 f"{side}_{part}": body for part, body in zip(limb, _parts(tree, pair[2], pair[i], limb), strict=True)
             }
@@ -226,8 +227,8 @@ def _head(tree: Tree, found: Mapping[str, int]) -> int | None:
     named = [body for body, name in enumerate(tree.names) if "head" in name.lower()]
     if named:
         return named[0]
-    arms = {body for side in ("left", "right") for body in tree.chain(found[f"{side}_wrist"])}
-    height = max(tree.rest.xpos[found[f"{side}_shoulder"]][2] for side in ("left", "right"))
+    arms = {body for side in SIDES for body in tree.chain(found[f"{side}_wrist"])}
+    height = max(tree.rest.xpos[found[f"{side}_shoulder"]][2] for side in SIDES)
     over = [
         body for body in range(1, len(tree.names))
         if found["spine3"] in tree.chain(body)[:-1] and body not in arms and tree.joints[body]

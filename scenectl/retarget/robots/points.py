@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from scenectl.retarget.robots.mapping import Tree
+from scenectl.retarget.robots.mapping import SIDES, Tree
 from scenectl.retarget.robots.shapes import corners
 from scenes.errors import UserError
 
@@ -45,7 +45,7 @@ class Points:
         lengths = [
             self.length(f"{side}_hip", f"{side}_knee") + self.length(f"{side}_knee", f"{side}_ankle")
             - self.at[f"{side}_foot"][1] + self.at[f"{side}_ankle"][1]
-            for side in ("left", "right")
+            for side in SIDES
         ]  # fmt: skip
         return sum(lengths) / 2
 
@@ -69,7 +69,7 @@ def points_of(tree: Tree, joints: Mapping[str, str], source: str) -> Points:
         if part == "wrist" and body[joint] == on:
             put(joint, on, tree.tip(on, world[f"{side}_elbow"]))
     turn = _facing(world)
-    for side in ("left", "right"):
+    for side in SIDES:
         tip = _sole(tree, body[f"{side}_ankle"], turn, world[f"{side}_ankle"], front=True)
         put(f"{side}_foot", body[f"{side}_ankle"], tip)
     put("pelvis", body["pelvis"], (world["left_hip"] + world["right_hip"]) / 2)
@@ -79,11 +79,11 @@ def points_of(tree: Tree, joints: Mapping[str, str], source: str) -> Points:
         put("head", body["head"], place.mean(axis=0) if len(place) else tree.rest.xipos[body["head"]])
     heels = {
         side: turn @ (_sole(tree, body[f"{side}_ankle"], turn, world[f"{side}_ankle"], False) - world[f"{side}_ankle"])
-        for side in ("left", "right")
+        for side in SIDES
     }
     found = Points(bodies, {joint: turn @ (place - world["pelvis"]) for joint, place in world.items()}, turn, heels)
     for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
-        if min(found.length(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right")) < 0.01:
+        if min(found.length(f"{side}_{a}", f"{side}_{b}") for side in SIDES) < 0.01:
             raise UserError(f"'{source}' has no length between {a} and {b}; state other bodies in `joints`")
     return found
 

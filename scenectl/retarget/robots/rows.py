@@ -11,15 +11,17 @@ from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.targets import TURNED, Targets
 
 PLACES = {
-    "ankle": 30.0, "foot": 10.0, "wrist": 10.0, "pelvis": 4.0, "elbow": 3.0, "knee": 1.0, "spine3": 1.0,
+    "ankle": 30.0, "foot": 10.0, "pelvis": 10.0, "wrist": 5.0, "elbow": 2.0, "knee": 2.0, "spine3": 1.0,
 }  # fmt: skip
 """Costs of a metre, by our joints: feet stand first, then hands reach, then all the rest looks like the motion."""
-TURNS = {"ankle": 2.0, "pelvis": 1.5, "spine3": 1.0, "head": 0.3}
+TURNS = {"pelvis": 4.0, "spine3": 3.0, "ankle": 2.0, "head": 0.3}
 """Costs of a radian."""
 STANDING = 10.0
 """Times the cost of a foot that stands."""
-EASE, STEADY = 0.02, 0.05
+EASE, STEADY = 0.05, 0.1
 """Costs of a radian away from the robot's rest, for what targets leave open, and from the frame before."""
+SMOOTH = 2.0
+"""Costs of a radian away from the smoothed joints of the first pass, in the second."""
 
 
 @dataclass(frozen=True)

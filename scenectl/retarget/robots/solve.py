@@ -11,16 +11,19 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from scenectl.retarget.robots.avoid import Avoidance
 from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.reading import borrowed
-from scenectl.retarget.robots.rows import rows_of
+from scenectl.retarget.robots.rows import SMOOTH, rows_of
 from scenectl.retarget.robots.targets import Targets
 
 FIRST, STEPS, ENOUGH = 60, 4, 2e-3
 """Steps for the first frame and for each other, and radians or metres of a step after which no more are made."""
+WIDTH = 0.05
+"""Seconds: width of the Gaussian that smooths joints between the passes."""
 NEAR = 0.999
 """Share of speeds that is used, so that numbers rounded in files exceed none."""
 
@@ -41,15 +44,33 @@ def solved(
         limits: of mink, beside ranges and speeds of joints.
         avoid: what is avoided, both as tasks and as limits.
     """
-    mink, qpsolvers, mujoco = borrowed("mink"), borrowed("qpsolvers"), borrowed("mujoco")
+    mink = borrowed("mink")
     from scenectl.retarget.robots.follow import Follow
 
-    rows, model = rows_of(robot, targets), robot.model
-    configuration = mink.Configuration(model, _start(robot, targets))
-    follow = Follow(robot, rows)
-    reach = robot.speeds * NEAR / targets.source.fps
-    low, high = robot.bounds
-    found = np.empty((len(rows.places), model.nq))
+    follow = Follow(robot, rows_of(robot, targets))
+    start, fps = _start(robot, targets), targets.source.fps
+    configuration = mink.Configuration(robot.model, start)
+    found = _pass(robot, configuration, follow, avoid, tasks, limits, fps)
+    smooth = gaussian_filter1d(found[:, 7:], WIDTH * fps, axis=0, mode="nearest")
+    follow.toward(smooth, SMOOTH)
+    configuration.update(found[0])
+    return _pass(robot, configuration, follow, avoid, tasks, limits, fps)
+
+
+def _pass(
+    robot: Humanoid,
+    configuration: Any,
+    follow: Any,
+    avoid: Sequence[Avoidance],
+    tasks: Sequence[Any],
+    limits: Sequence[Any],
+    fps: float,
+) -> Float[np.ndarray, "T Q"]:
+    """All frames, one after the other, from where the configuration is."""
+    mink, qpsolvers, mujoco = borrowed("mink"), borrowed("qpsolvers"), borrowed("mujoco")
+    model, reach, (low, high) = robot.model, robot.speeds * NEAR / fps, robot.bounds
+    tasks, limits = [follow, *tasks, *avoid], [*limits, *avoid]
+    found = np.empty((len(follow.pose), model.nq))
     for frame in range(len(found)):
         before = configuration.q[7:].copy()
         least, most = (low, high) if frame == 0 else (np.maximum(low, before - reach), np.minimum(high, before + reach))
@@ -57,9 +78,7 @@ def solved(
         for one in avoid:
             one.at(frame)
         for _ in range(STEPS if frame else FIRST):
-            problem = mink.build_ik(
-                configuration, [follow, *tasks, *avoid], 1 / targets.source.fps, 1e-9, [*limits, *avoid]
-            )
+            problem = mink.build_ik(configuration, tasks, 1 / fps, 1e-9, limits)
             joints = configuration.data.qpos[7:]
             problem.lb = np.concatenate([_FREE[0], least - joints])
             problem.ub = np.concatenate([_FREE[1], most - joints])

@@ -20,6 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from scenectl.retarget.plants import Plant, plants
+from scenectl.retarget.robots.mapping import SIDES
 from scenectl.retarget.robots.points import WORLD, Points
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
@@ -28,7 +29,6 @@ from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
 from scenes.motion.skeleton import HUMANML3D, Skeleton, size_of
 
-SIDES = ("left", "right")
 TURNED = ("pelvis", "spine3", "head", "left_ankle", "right_ankle")
 """Joints of ours whose rotation a robot's bodies follow."""
 _ASKED = (*TURNED, "left_hip", "right_hip")
