@@ -142,7 +142,6 @@ class _Frames:
     ) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, "6"]]:
         """Torques of the joints, and what is missing on the root, with forces at points that bodies press down."""
         import mujoco
-        from scipy.optimize import nnls
 
         wanted, given = self.data.qfrc_inverse, np.zeros(self.model.nv)
         if len(points):
@@ -151,12 +150,21 @@ class _Frames:
             for way, point, body in zip(ways, points, bodies, strict=True):
                 mujoco.mj_jac(self.model, self.data, way, None, point, int(body))
             columns = np.einsum("ek,nkv->nev", edges, ways).reshape(-1, self.model.nv)
-            small = _SMALL * np.eye(len(columns))
-            sizes, _ = nnls(np.vstack([columns[:, :6].T, small]), np.concatenate([wanted[:6], np.zeros(len(small))]))
-            given = sizes @ columns
+            given = _nonnegative(columns[:, :6], wanted[:6]) @ columns
         rest = wanted - given
         turned = self.data.xmat[self.root].reshape(3, 3) @ rest[3:6]
         return rest[6:].copy(), np.concatenate([rest[:3], turned])
+
+
+def _nonnegative(columns: Float[np.ndarray, "n 6"], wanted: Float[np.ndarray, "6"]) -> Float[np.ndarray, " n"]:
+    """The nonnegative sizes with which columns come nearest to what is wanted, and small."""
+    import qpsolvers
+
+    product = columns @ columns.T + _SMALL**2 * np.eye(len(columns))
+    found = qpsolvers.solve_problem(
+        qpsolvers.Problem(product, -columns @ wanted, lb=np.zeros(len(columns))), solver="daqp"
+    )
+    return np.zeros(len(columns)) if found.x is None else np.maximum(found.x, 0.0)
 
 
 def torque_limits(model: Any) -> Float[np.ndarray, " n"]:

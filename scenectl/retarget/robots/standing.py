@@ -91,9 +91,9 @@ class Standing:
         return found
 
     def outside(self, places: Float[np.ndarray, "T 2"]) -> Float[np.ndarray, " T"]:
-        """How far (m) places over the ground are outside the support polygon, 0 inside; NaN where nothing stands."""
+        """How far (m) places over the ground are outside the support polygon, 0 inside; NaN where nothing stands, or of no place."""
         found = np.full(len(places), np.nan)
-        for frame in np.flatnonzero(self.standing):
+        for frame in np.flatnonzero(self.standing & np.isfinite(places).all(axis=1)):
             found[frame] = outside(places[frame], self.points[frame, self.touching[frame], :2])
         return found
 
