@@ -23,6 +23,7 @@ _HOMES = {
     "scenectl.generators": "load_generator",
     "scenectl.pipeline.editing": "edit",
     "scenectl.pipeline.results": "Result",
+    "scenectl.retarget.robots.robot": "Robot",
     "scenectl.tasks.task": "Task load_task",
     "scenes": (
         "Box Capsule Cylinder Mesh Motion MovingObject Plane Pose2D ProxyBody Scene Sphere Trajectory "

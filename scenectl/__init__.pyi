@@ -5,6 +5,7 @@ from scenectl.data.formats.motions import load_motion as load_motion
 from scenectl.generators import load_generator as load_generator
 from scenectl.pipeline.editing import edit as edit
 from scenectl.pipeline.results import Result as Result
+from scenectl.retarget.robots.robot import Robot as Robot
 from scenectl.tasks.task import Task as Task, load_task as load_task
 from scenectl.version import __version__ as __version__
 from scenes import (

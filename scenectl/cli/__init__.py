@@ -6,6 +6,7 @@ COMMANDS = (
     "score",
     "view",
     "edit",
+    "retarget",
     "goals",
     "schema",
     "scenes",

@@ -9,7 +9,7 @@ from scenectl.console.lazy import group
 BENCHES = (
     "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit",
     "query", "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices",
-    "thresholds", "limits", "verdict", "memory", "skeletons", "rotations",
+    "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "robots",
 )  # fmt: skip
 
 app = typer.Typer(

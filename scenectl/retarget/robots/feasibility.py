@@ -143,8 +143,8 @@ class Feasibility:
         if self.standing:
             yield (
                 f"it stands in {self.standing:.0%} of all frames, its centre of mass over its soles in "
-                f"{support.inside:.0%} of these, at most {support.outside:.3f} m outside ({support.seconds:.2f} s); its "
-                f"zero-moment point in {ground.inside:.0%}, at most {ground.outside:.3f} m outside "
+                f"{support.inside:.0%} of these, at most {support.outside:.3f} m outside ({support.seconds:.2f} s); "
+                f"its zero-moment point in {ground.inside:.0%}, at most {ground.outside:.3f} m outside "
                 f"({ground.seconds:.2f} s)"
             )
             yield f"standing feet slide {self.slide.metres:.3f} m at most{_at(self.slide)}"

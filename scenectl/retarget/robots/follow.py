@@ -16,8 +16,8 @@ from scenectl.retarget.robots.rows import EASE, STEADY, Rows
 class Follow(mink.tasks.BaseTask):  # type: ignore[misc]
     """Points and bodies of one frame's targets, and joints that stay near their rest and the frame before."""
 
-    def __init__(self, robot: Humanoid, rows: Rows) -> None:
-        self.rows, self.nv = rows, robot.model.nv
+    def __init__(self, robot: Humanoid, rows: Rows, fps: float) -> None:
+        self.rows, self.nv, self.fps = rows, robot.model.nv, fps
         self.on = [body for body, _ in rows.points]
         self.where = np.array([where for _, where in rows.points])
         self.toward(np.clip(robot.model.qpos0[7:], *robot.bounds)[None].repeat(len(rows.places), axis=0), EASE)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from scenectl.retarget.robots.mapping import ARM, LEG, SIDES, Tree, mapped
 from scenectl.retarget.robots.points import Points, points_of
@@ -62,6 +62,12 @@ class Humanoid:
         self.speeds: Float[np.ndarray, " n"] = np.array([found.speeds.get(name, speed) for name in self.names])
         self.joints, doubts = mapped(self.tree, self.source, joints or {})
         self.doubts = (*found.doubts, *doubts)
+
+    @property
+    def slides(self) -> Bool[np.ndarray, " n"]:
+        """Which of its joints slide, and don't turn."""
+        slides: np.ndarray = self.model.jnt_type[1:] == borrowed("mujoco").mjtJoint.mjJNT_SLIDE
+        return slides
 
     @property
     def root(self) -> str:

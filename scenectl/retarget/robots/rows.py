@@ -17,7 +17,7 @@ PLACES = {
 TURNS = {"pelvis": 4.0, "spine3": 3.0, "ankle": 2.0, "head": 0.3}
 """Costs of a radian."""
 STANDING = 10.0
-"""Times the cost of a foot that stands."""
+"""Times the cost of a foot's place while it stands. How it is turned costs no more: a body need not lean for that."""
 EASE, STEADY = 0.05, 0.1
 """Costs of a radian away from the robot's rest, for what targets leave open, and from the frame before."""
 SMOOTH = 2.0
@@ -49,7 +49,9 @@ def rows_of(robot: Humanoid, targets: Targets) -> Rows:
     names = [name for name in targets.places if name.split("_")[-1] in PLACES and name in points.bodies]
     turned = [name for name in TURNED if name in robot.joints]
     bodies = [model.body(robot.joints[name]).id for name in turned]
-    costs = [_cost(name, PLACES, targets) for name in names] + [_cost(name, TURNS, targets) for name in turned]
+    frames = len(targets.source.joints)
+    costs = [_cost(name, targets) for name in names]
+    costs += [np.full(frames, TURNS[name.split("_")[-1]]) for name in turned]
     turns = [
         targets.turns[name] @ points.turn @ rest.xmat[body].reshape(3, 3)
         for name, body in zip(turned, bodies, strict=True)
@@ -63,10 +65,10 @@ def rows_of(robot: Humanoid, targets: Targets) -> Rows:
     )
 
 
-def _cost(name: str, costs: dict[str, float], targets: Targets) -> Float[np.ndarray, " T"]:
+def _cost(name: str, targets: Targets) -> Float[np.ndarray, " T"]:
     side, _, part = name.rpartition("_")
-    cost = np.full(len(targets.source.joints), costs[part])
+    cost = np.full(len(targets.source.joints), PLACES[part])
     for plant in targets.plants:
-        if plant.joint.startswith(side or "-") and part in ("ankle", "foot"):
-            cost[plant.begin : plant.end] = STANDING * costs[part]
+        if part in ("ankle", "foot") and plant.joint.startswith(side):
+            cost[plant.begin : plant.end] = STANDING * PLACES[part]
     return cost

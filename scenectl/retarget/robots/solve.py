@@ -14,7 +14,6 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from scenectl.retarget.robots.avoid import Avoidance
 from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.reading import borrowed
 from scenectl.retarget.robots.rows import SMOOTH, rows_of
@@ -33,7 +32,7 @@ def solved(
     targets: Targets,
     tasks: Sequence[Any] = (),
     limits: Sequence[Any] = (),
-    avoid: Sequence[Avoidance] = (),
+    avoid: Sequence[Any] = (),
 ) -> Float[np.ndarray, "T Q"]:
     """The robot's qpos over time.
 
@@ -42,34 +41,32 @@ def solved(
         targets: what it follows.
         tasks: of mink, beside the targets.
         limits: of mink, beside ranges and speeds of joints.
-        avoid: what is avoided, both as tasks and as limits.
+        avoid: of mink, both tasks and limits, told each frame by `at(frame)`.
     """
     mink = borrowed("mink")
     from scenectl.retarget.robots.follow import Follow
 
-    follow = Follow(robot, rows_of(robot, targets))
-    start, fps = _start(robot, targets), targets.source.fps
-    configuration = mink.Configuration(robot.model, start)
-    found = _pass(robot, configuration, follow, avoid, tasks, limits, fps)
-    smooth = gaussian_filter1d(found[:, 7:], WIDTH * fps, axis=0, mode="nearest")
+    follow = Follow(robot, rows_of(robot, targets), targets.source.fps)
+    configuration = mink.Configuration(robot.model, _start(robot, targets))
+    found = _pass(robot, configuration, follow, [follow, *tasks, *avoid], [*limits, *avoid], avoid)
+    smooth = gaussian_filter1d(found[:, 7:], WIDTH * follow.fps, axis=0, mode="nearest")
     follow.toward(smooth, SMOOTH)
     configuration.update(found[0])
-    return _pass(robot, configuration, follow, avoid, tasks, limits, fps)
+    return _pass(robot, configuration, follow, [follow, *tasks, *avoid], [*limits, *avoid], avoid)
 
 
 def _pass(
     robot: Humanoid,
     configuration: Any,
     follow: Any,
-    avoid: Sequence[Avoidance],
     tasks: Sequence[Any],
     limits: Sequence[Any],
-    fps: float,
+    avoid: Sequence[Any],
 ) -> Float[np.ndarray, "T Q"]:
     """All frames, one after the other, from where the configuration is."""
     mink, qpsolvers, mujoco = borrowed("mink"), borrowed("qpsolvers"), borrowed("mujoco")
-    model, reach, (low, high) = robot.model, robot.speeds * NEAR / fps, robot.bounds
-    tasks, limits = [follow, *tasks, *avoid], [*limits, *avoid]
+    model, dt, (low, high) = robot.model, 1 / follow.fps, robot.bounds
+    reach = robot.speeds * NEAR * dt
     found = np.empty((len(follow.pose), model.nq))
     for frame in range(len(found)):
         before = configuration.q[7:].copy()
@@ -78,7 +75,7 @@ def _pass(
         for one in avoid:
             one.at(frame)
         for _ in range(STEPS if frame else FIRST):
-            problem = mink.build_ik(configuration, tasks, 1 / fps, 1e-9, limits)
+            problem = mink.build_ik(configuration, tasks, dt, 1e-9, limits)
             joints = configuration.data.qpos[7:]
             problem.lb = np.concatenate([_FREE[0], least - joints])
             problem.ub = np.concatenate([_FREE[1], most - joints])

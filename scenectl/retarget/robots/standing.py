@@ -87,11 +87,11 @@ class Standing:
     @cached_property
     def standing(self) -> Bool[np.ndarray, " T"]:
         """Frames at which something touches the ground."""
-        found: np.ndarray = self.touching.any(axis=1)
+        found: np.ndarray = np.any(self.touching, axis=1)
         return found
 
     def outside(self, places: Float[np.ndarray, "T 2"]) -> Float[np.ndarray, " T"]:
-        """How far (m) places over the ground are outside the support polygon, 0 inside; NaN where nothing stands, or of no place."""
+        """How far (m) places over the ground are outside the support polygon, 0 inside; NaN where nothing stands."""
         found = np.full(len(places), np.nan)
         for frame in np.flatnonzero(self.standing & np.isfinite(places).all(axis=1)):
             found[frame] = outside(places[frame], self.points[frame, self.touching[frame], :2])

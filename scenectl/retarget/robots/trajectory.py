@@ -10,9 +10,17 @@ from jaxtyping import Float
 
 from scenectl.retarget.plants import Plant
 from scenectl.retarget.robots.humanoid import Humanoid
+from scenectl.retarget.robots.mapping import SIDES
+from scenectl.retarget.robots.points import WORLD
 from scenectl.retarget.robots.reading import borrowed
 from scenes.errors import UserError, did_you_mean
 from scenes.motion.motion import Motion
+
+FOLLOWED = tuple(f"{side}_{part}" for side in SIDES for part in ("ankle", "foot", "knee", "wrist", "elbow"))
+"""Our joints that a robot is held against."""
+_AT, _FULL = 1e-4, 0.99
+"""Radians from an end, and share of a speed, at which a joint is held."""
+_LISTED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,3 +76,46 @@ class Trajectory:
             mujoco.mj_kinematics(model, data)
             found[frame] = data.xpos[on] + (data.xmat[on].reshape(-1, 3, 3) @ at[:, :, None])[:, :, 0]
         return found
+
+    def figures(self) -> Figures:
+        """How near the robot comes to what it follows, and what keeps it away."""
+        names = [name for name in FOLLOWED if name in self.robot.points.bodies]
+        places = dict(zip(names, np.moveaxis(self.joints(names), 1, 0), strict=True))
+        wanted = {name: self.source.joint(name).numpy() @ WORLD.T for name in names}
+        off = {name: np.linalg.norm(places[name] - wanted[name], axis=1) for name in names}
+        slides = [0.0]
+        for plant in self.plants:
+            path = places[plant.joint][plant.begin : plant.end, :2]
+            slides.append(float(np.linalg.norm(path - path.mean(axis=0), axis=1).max()))
+        joints, (low, high) = self.qpos[:, 7:], self.robot.bounds
+        used = np.abs(np.diff(joints, axis=0)) * self.fps / self.robot.speeds
+        beyond = np.maximum(self.robot.ranges[:, 0] - joints, joints - self.robot.ranges[:, 1])
+        ends = (joints <= low + _AT) | (joints >= high - _AT)
+        ends[1:] |= used >= _FULL
+        shares = dict(zip(self.robot.names, ends.mean(axis=0).tolist(), strict=True))
+        return Figures(
+            {name: (float(np.median(far)), float(np.quantile(far, 0.95))) for name, far in off.items()},
+            max(slides),
+            float(used.max(initial=0.0)),
+            float(beyond.max(initial=-np.inf)),
+            {name: share for name, share in sorted(shares.items(), key=lambda one: -one[1])[:_LISTED] if share > 0},
+        )
+
+
+@dataclass(frozen=True)
+class Figures:
+    """How well a robot follows.
+
+    Attributes:
+        off: {our joint: metres from what it follows, in the median and the 95th percentile}.
+        slide: how far (m) a standing foot is at most from where it stands in the mean.
+        speed: largest share of a joint's speed that is used.
+        beyond: how far (rad or m) joints are beyond their ranges; negative within all.
+        limited: {joint: share of frames in which it is at an end of its range or at its speed}, the most of it first.
+    """
+
+    off: dict[str, tuple[float, float]]
+    slide: float
+    speed: float
+    beyond: float
+    limited: dict[str, float]
