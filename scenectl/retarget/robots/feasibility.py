@@ -98,6 +98,7 @@ class Feasibility:
         joints: what it uses of each joint's limits.
         standing: share of frames at which a foot stands.
         slide: the farthest that a standing foot goes.
+        turn: degrees that a standing foot turns on the ground at most.
         mass_centre, zmp: over the soles that stand: what holds still, and what moves.
         scene: how deep its shapes get into the scene, its soles into the ground as well.
         itself: how deep its capsules get into each other.
@@ -113,6 +114,7 @@ class Feasibility:
     joints: tuple[Joint, ...]
     standing: float
     slide: Most
+    turn: float
     mass_centre: Support
     zmp: Support
     scene: Most | None
@@ -147,7 +149,7 @@ class Feasibility:
                 f"its zero-moment point in {ground.inside:.0%}, at most {ground.outside:.3f} m outside "
                 f"({ground.seconds:.2f} s)"
             )
-            yield f"standing feet slide {self.slide.metres:.3f} m at most{_at(self.slide)}"
+            yield f"standing feet slide {self.slide.metres:.3f} m{_at(self.slide)} and turn {self.turn:.0f} degrees at most"
         if self.scene is not None:
             yield f"it is at most {self.scene.metres:.3f} m deep in the scene{_at(self.scene)}"
         yield f"it is at most {self.itself.metres:.3f} m deep in itself{_at(self.itself)}"
@@ -198,6 +200,7 @@ def feasibility(trajectory: Trajectory, scene: Scene | None = None) -> Feasibili
         _joints(trajectory, forces, limits),
         float(feet.standing.mean()),
         Most(slide, joint, frame / fps),
+        last_of(feet.turns())[0],
         _support(feet.outside(forces.mass_centre[:, :2]), feet.standing, fps),
         _support(feet.outside(forces.zmp), feet.standing, fps),
         None if scene is None else scene_depth(trajectory, scene),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
+from scenectl.retarget.plants import Plant
 from scenectl.retarget.robots.capsules import carried, poses
 from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.trajectory import Trajectory
@@ -98,18 +99,37 @@ class Standing:
         return found
 
     def slides(self) -> list[tuple[float, str, int]]:
-        """Of each plant: how far (m) a touching point goes from where it first touched, our joint, and when (frame)."""
+        """Of each plant: how far (m) its sole goes from where it stood first, our joint, and when (frame).
+
+        It is the way of the point that goes the least of those that touch for longest: a foot that turns on its ball
+        goes nowhere, and `turns` tells of it.
+        """
         found = []
+        for plant, points, touching in self._plants():
+            longest = touching.sum(axis=0) == touching.sum(axis=0).max()
+            away = np.linalg.norm(points - points[0], axis=-1)[:, longest]
+            path = away[:, away.max(axis=0).argmin()]
+            found.append((float(path.max()), plant.joint, plant.begin + int(path.argmax())))
+        return found
+
+    def turns(self) -> list[tuple[float, str, int]]:
+        """Of each plant: how far (degrees) its sole turns on the ground, our joint, and when (frame)."""
+        found = []
+        for plant, points, _ in self._plants():
+            spread = points - points.mean(axis=1, keepdims=True)
+            across = spread[0, :, 0] * spread[..., 1] - spread[0, :, 1] * spread[..., 0]
+            angle = np.abs(np.degrees(np.arctan2(across.sum(axis=1), (spread[0] * spread).sum(axis=(1, 2)))))
+            found.append((float(angle.max()), plant.joint, plant.begin + int(angle.argmax())))
+        return found
+
+    def _plants(self) -> Iterator[tuple[Plant, Float[np.ndarray, "t m 2"], Bool[np.ndarray, "t m"]]]:
+        """Plants with the points of their soles over the ground and whether they touch, in the frames that they do."""
         for plant in self.trajectory.plants:
             part = slice(0, self.left) if plant.joint.startswith("left") else slice(self.left, None)
-            points = self.points[plant.begin : plant.end, part, :2]
-            touching = self.touching[plant.begin : plant.end, part]
-            first = points[touching.argmax(axis=0), np.arange(points.shape[1])]
-            away = np.where(touching, np.linalg.norm(points - first, axis=-1), 0.0)
-            if away.size:
-                frame = int(away.max(axis=1).argmax())
-                found.append((float(away.max()), plant.joint, plant.begin + frame))
-        return found
+            frames = np.arange(plant.begin, plant.end)
+            frames = frames[self.touching[frames, part].any(axis=1)]
+            if len(frames):
+                yield replace(plant, begin=int(frames[0])), self.points[frames, part, :2], self.touching[frames, part]
 
 
 def standing(trajectory: Trajectory, scene: Scene | None = None) -> Standing:

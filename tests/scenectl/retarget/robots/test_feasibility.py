@@ -111,6 +111,12 @@ def test_feet_at_rest_don_t_slide_and_others_do_by_how_far_they_went(robot: Robo
     q[10:, 0] += np.linspace(0, 0.03, 10)
     slid = feasibility(trajectory(robot, q)).slide
     assert slid.metres == pytest.approx(0.03) and slid.seconds == pytest.approx(19 / 50)
+    turned, angles = still(robot, 20), np.linspace(0, 0.5, 20)
+    turned[:, 3], turned[:, 6] = np.cos(angles / 2), np.sin(angles / 2)
+    found = feasibility(trajectory(robot, turned, feet="left"))  # about the middle of both feet, 0.09 m from the left's
+    assert found.turn == pytest.approx(np.degrees(0.5), abs=1e-3)
+    nearest = np.hypot(0.06, 0.055)  # the heel's inner corner
+    assert found.slide.metres == pytest.approx(2 * nearest * np.sin(0.25), abs=1e-6)
     lifted = still(robot, 20)
     lifted[10:, 2] += 0.2  # in the air nothing slides
     lifted[10:, 0] += 0.5
