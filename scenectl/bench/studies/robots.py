@@ -1,4 +1,4 @@
-"""How well a robot follows recorded motions and others: how far from them, within which limits, and how fast that is."""
+"""How well a robot follows motions: how far from them it stays, within which limits, and how fast that is."""
 
 from __future__ import annotations
 

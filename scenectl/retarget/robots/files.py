@@ -2,8 +2,8 @@
 
 Layouts by ending, each written for what reads it:
 
-- ``.csv`` `named`: a row a frame: time, free joint, joints, named in a header with their units. `lafan1`: no header, the
-  free joint with its quaternion x y z w last, and joints, as Unitree's LAFAN1 retargeting data set has them and
+- ``.csv`` `named`: a row a frame: time, free joint, joints, named in a header with their units. `lafan1`: no header,
+  the free joint with its quaternion as x y z w, and joints, as Unitree's LAFAN1 retargeting data set has them and
   BeyondMimic's and mjlab's ``csv_to_npz`` read them.
 - ``.npz`` `named`: ``qpos [T, nq]``, ``fps``, ``t0``, ``joint_names``, ``root`` (the body that the free joint moves).
   `gmr`: the keys of General Motion Retargeting (``root_rot`` x y z w; GMR itself pickles them). `mjlab`: joints and

@@ -102,12 +102,14 @@ class Tree:
         return [joint for one in way for joint in self.joints[one]]
 
     def tip(self, body: int, start: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-        """The far end of a body's shapes as seen from `start` (m, world), or its centre of mass beyond that."""
+        """The far end of a body's shapes, or of the bodies on it where it has none, as seen from `start` (m, world)."""
         points = corners(self.model, self.rest, [body])
-        way = (points.mean(axis=0) if len(points) else self.rest.xipos[body]) - start
+        if not len(points):
+            on = [other for other in range(len(self.names)) if other != body and body in self.chain(other)]
+            points = self.rest.xpos[on] if on else self.rest.xipos[[body]]
+        way = points.mean(axis=0) - start
         way /= max(float(np.linalg.norm(way)), 1e-9)
-        far = float(((points - start) @ way).max()) if len(points) else 2 * float((self.rest.xipos[body] - start) @ way)
-        end: np.ndarray = start + far * way
+        end: np.ndarray = start + float(((points - start) @ way).max()) * way
         return end
 
 

@@ -18,7 +18,7 @@ TURNS = {"pelvis": 4.0, "spine3": 3.0, "ankle": 2.0, "head": 0.3}
 """Costs of a radian."""
 STANDING = 10.0
 """Times the cost of a foot's place while it stands. How it is turned costs no more: a body need not lean for that."""
-EASE, STEADY = 0.05, 0.1
+EASE, STEADY = 0.03, 0.1
 """Costs of a radian away from the robot's rest, for what targets leave open, and from the frame before."""
 SMOOTH = 2.0
 """Costs of a radian away from the smoothed joints of the first pass, in the second."""

@@ -105,6 +105,6 @@ def _start(robot: Humanoid, targets: Targets) -> Float[np.ndarray, " Q"]:
     body, where = points.bodies["pelvis"]
     hips = rest.xpos[body] + rest.xmat[body].reshape(3, 3) @ where
     qpos[:3] = targets.places["pelvis"][0] + turn @ (rest.xpos[root] - hips)
-    qpos[3:7] = Rotation.from_matrix(turn @ rest.xmat[root].reshape(3, 3)).as_quat(scalar_first=True)
+    qpos[3:7] = Rotation.from_matrix(turn @ rest.xmat[root].reshape(3, 3)).as_quat(canonical=True, scalar_first=True)
     qpos[7:] = np.clip(qpos[7:], *robot.bounds)
     return qpos
