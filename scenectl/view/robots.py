@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scenectl.retarget.robots.capsules import capsules_of, poses
+from scenectl.retarget.robots.standing import standing
 from scenectl.retarget.robots.trajectory import Trajectory
 from scenectl.view.camera import Camera, choose, look_from
 from scenectl.view.marks import draw_line
@@ -161,6 +162,11 @@ class Replay:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = TO_Y_UP["z"] @ turns[frame, body], TO_Y_UP["z"] @ places[frame, body]
         return pose
+
+
+def lowest(trajectory: Trajectory) -> float:
+    """Height (m) of the lowest sole over a trajectory: of the floor where there is no scene."""
+    return float(standing(trajectory).points[..., 2].min())
 
 
 def _colour(model: Any, geom: int) -> tuple[float, float, float]:

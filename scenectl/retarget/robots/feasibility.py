@@ -149,7 +149,8 @@ class Feasibility:
                 f"its zero-moment point in {ground.inside:.0%}, at most {ground.outside:.3f} m outside "
                 f"({ground.seconds:.2f} s)"
             )
-            yield f"standing feet slide {self.slide.metres:.3f} m{_at(self.slide)} and turn {self.turn:.0f} degrees at most"
+            slid = f"{self.slide.metres:.3f} m{_at(self.slide)}"
+            yield f"standing feet slide {slid} and turn {self.turn:.0f} degrees at most"
         if self.scene is not None:
             yield f"it is at most {self.scene.metres:.3f} m deep in the scene{_at(self.scene)}"
         yield f"it is at most {self.itself.metres:.3f} m deep in itself{_at(self.itself)}"
