@@ -59,15 +59,15 @@ class Replay:
         root = self._places[:, 1] @ TO_Y_UP["z"].T
         way = float(np.linalg.norm(np.diff(root[:, [0, 2]], axis=0), axis=1).sum())
         count = int(np.clip(1 + way / APART, 1, _FIGURES)) if way > APART / 2 else 1
-        shown = np.linspace(0, len(root) - 1, count).astype(int) if count > 1 else np.array([len(root) - 1])
+        shown = np.linspace(0, len(root) - 1, count).astype(int).tolist() if count > 1 else [len(root) - 1]
         camera = self._camera(shown, SIZE)
         stage = open_stage()
         look_from(stage, camera)
         self._room.draw(stage, camera, [self._ends(frame) for frame in shown], 1.0)
-        self._room.draw_moving(stage, [self._time(int(shown[-1]))])
+        self._room.draw_moving(stage, [self._time(shown[-1])])
         for frame in shown:
             for body, actor in self._put(stage):
-                actor.user_matrix = self._pose(int(frame), body)
+                actor.user_matrix = self._pose(frame, body)
         if count > 1:
             draw_line(stage, root, _TRAIL, 0.008)
         write(shot(stage), png)
@@ -77,13 +77,13 @@ class Replay:
         from PIL import Image
 
         step = max(1, round(self.trajectory.fps / FPS))
-        frames = np.arange(0, self.trajectory.frames, step)
+        frames = list(range(0, self.trajectory.frames, step))
         camera = self._camera(frames[:: max(1, len(frames) // 20)], SMALL)
         stage = open_stage(SMALL)
         look_from(stage, camera)
         self._room.draw(stage, camera, [self._ends(frame) for frame in frames[:: max(1, len(frames) // 6)]], 1.0)
         images, robot = [], self._put(stage, _COARSE)
-        for frame in frames.tolist():
+        for frame in frames:
             self._room.draw_moving(stage, [self._time(frame)])
             for body, actor in robot:
                 actor.user_matrix = self._pose(frame, body)
@@ -138,12 +138,12 @@ class Replay:
     def _time(self, frame: int) -> float:
         return self.trajectory.t0 + frame / self.trajectory.fps
 
-    def _camera(self, frames: Sequence[int] | np.ndarray, size: tuple[int, int]) -> Camera:
-        figures = [self._ends(int(frame)) for frame in frames]
+    def _camera(self, frames: Sequence[int], size: tuple[int, int]) -> Camera:
+        figures = [self._ends(frame) for frame in frames]
         way = (figures[-1].mean(axis=0) - figures[0].mean(axis=0))[[0, 2]]
         length = float(np.linalg.norm(way))
         along = way / length if length > APART else np.zeros(2)
-        sight = self._room.sight(self._time(int(frames[-1])))
+        sight = self._room.sight(self._time(frames[-1]))
         return choose(np.concatenate(figures), sight, along, size[0] / size[1], figures=figures)
 
     def _put(self, stage: Plotter, most: int | None = None) -> list[tuple[int, Any]]:
