@@ -87,6 +87,7 @@ class Replay:
             self._room.draw_moving(stage, [self._time(frame)])
             for body, actor in robot:
                 actor.user_matrix = self._pose(frame, body)
+            stage.render()  # bodies that moved alone are not seen as a change
             image = Image.fromarray(np.asarray(stage.screenshot(return_img=True)))
             images.append(image.quantize(_COLOURS, dither=Image.Dither.NONE))
         stage.close()
