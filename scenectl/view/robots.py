@@ -76,8 +76,9 @@ class Replay:
         """All of it as an animated GIF."""
         from PIL import Image
 
-        step = max(1, round(self.trajectory.fps / FPS))
-        frames = list(range(0, self.trajectory.frames, step))
+        rate = min(float(FPS), self.trajectory.fps)
+        times = np.arange(0, (self.trajectory.frames - 0.5) / self.trajectory.fps, 1 / rate)
+        frames = np.minimum((times * self.trajectory.fps).round(), self.trajectory.frames - 1).astype(int).tolist()
         camera = self._camera(frames[:: max(1, len(frames) // 20)], SMALL)
         stage = open_stage(SMALL)
         look_from(stage, camera)
@@ -91,7 +92,7 @@ class Replay:
             image = Image.fromarray(np.asarray(stage.screenshot(return_img=True)))
             images.append(image.quantize(_COLOURS, dither=Image.Dither.NONE))
         stage.close()
-        last, buffer = 1000 * step / self.trajectory.fps, BytesIO()
+        last, buffer = 1000 / rate, BytesIO()
         images[0].save(buffer, "GIF", save_all=True, append_images=images[1:], duration=last, loop=0, optimize=True)
         with atomic_write(gif) as file:
             file.write(buffer.getvalue())
