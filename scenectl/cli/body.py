@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 def body(
     file: Annotated[
-        Path | None, typer.Argument(metavar="FILE", help="A character (GLB, glTF), a robot (URDF) or a fitted body.")
+        Path | None,
+        typer.Argument(metavar="FILE", help="A character (GLB, glTF), a robot (URDF, MJCF) or a fitted body."),
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the fitted capsules to this file.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the character and its capsules.")] = None,
@@ -28,7 +29,7 @@ def body(
     """Fit capsules to a character or a robot; without FILE, print the radii of our body and their source."""
     if file is None:
         if json_file is not None or png is not None:
-            raise UserError("--json and --png keep what is fitted to a FILE; give a URDF or GLB file")
+            raise UserError("--json and --png keep what is fitted to a FILE; give a URDF, MJCF or GLB file")
         from scenes.body.body import DEFAULT_BODY
 
         _show_body(DEFAULT_BODY)
@@ -38,7 +39,7 @@ def body(
 
     if file.suffix.lower() == ".json":
         if png is not None:
-            raise UserError(f"'{file}' holds capsules without a mesh; --png draws the GLB or URDF file")
+            raise UserError(f"'{file}' holds capsules without a mesh; --png draws the GLB, URDF or MJCF file")
         proxies = Proxies.load(file)
     else:
         rig, joints = load_character(file)

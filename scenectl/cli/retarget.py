@@ -15,6 +15,7 @@ from scenes.errors import UserError
 if TYPE_CHECKING:
     from scenectl.retarget.robots.humanoid import Humanoid
     from scenectl.retarget.robots.trajectory import Trajectory
+    from scenes.world.scene import Scene
 
 _FOREIGN = "Of MOTION, where its file does not say"
 
@@ -37,12 +38,20 @@ def retarget(
     speed: Annotated[
         float | None, typer.Option(help="Largest speed of joints (rad/s) whose file states none; 3 pi by default.")
     ] = None,
+    scene: Annotated[
+        bool, typer.Option(help="Stay out of the scene that MOTION was made in, where it is a result's folder.")
+    ] = True,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the feasibility report as JSON.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the robot in its scene.")] = None,
+    gif: Annotated[Path | None, typer.Option(help="Animate the robot in its scene.")] = None,
     from_fps: Annotated[float | None, typer.Option(help=f"{_FOREIGN}: frames a second.")] = None,
     from_unit: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: m, cm, mm, in or ft.")] = None,
     from_up: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: the axis that is up, x, y or z.")] = None,
 ) -> None:
     """Make a humanoid robot follow a motion, within the ranges and speeds of its joints."""
     with importing():
+        from scenectl.console.feasibility import show_feasibility
+        from scenectl.retarget.robots.feasibility import feasibility
         from scenectl.retarget.robots.files import check, write
         from scenectl.retarget.robots.humanoid import SPEED
         from scenectl.retarget.robots.robot import Robot
@@ -63,12 +72,44 @@ def retarget(
     elif sample:
         raise UserError(f"--sample {sample}: '{motion}' holds one motion")
     _show_robot(machine)
+    around = _scene_of(motion) if scene else None
     with err.status("retargeting"):
-        trajectory = machine.retarget(made, fps)
+        trajectory = machine.retarget(made, fps, around)
+        found = feasibility(trajectory, around)
     _show(trajectory)
+    show_feasibility(found)
+    if report is not None:
+        found.save(report)
+        out.print(f"wrote {report}")
+    _draw(trajectory, around, png, gif)
     if output is not None:
         write(trajectory, output, layout)
         out.print(f"wrote {output}")
+
+
+def _scene_of(motion: Path) -> Scene | None:
+    """The scene that a result was made in; None for a motion alone."""
+    if not (motion / "report.json").is_file():
+        return None
+    from scenectl.pipeline.results import load_result
+    from scenectl.tasks.task import Task
+
+    return Task(**load_result(motion)[1]["task"]).load_scene()
+
+
+def _draw(trajectory: Trajectory, scene: Scene | None, png: Path | None, gif: Path | None) -> None:
+    """The pictures that were asked for."""
+    if png is None and gif is None:
+        return
+    from scenectl.view.robots import Replay, lowest
+    from scenes.world.scene import Scene
+
+    replay = Replay(trajectory, scene if scene is not None else Scene.empty(lowest(trajectory)))
+    for path, draw in ((png, replay.draw), (gif, replay.animate)):
+        if path is not None:
+            with err.status("drawing"):
+                draw(path)
+            out.print(f"wrote {path}")
 
 
 def _show_robot(robot: Humanoid) -> None:

@@ -10,13 +10,14 @@ from scenectl.data.joint_names import match_joints
 from scenes.body.body import ProxyBody
 from scenes.body.fit import fit_body, fits
 from scenes.body.gltf import read_rig
+from scenes.body.mjcf import read_robot
 from scenes.body.proxies import check_size
 from scenes.body.rig import Rig
 from scenes.body.urdf import read_urdf
 from scenes.errors import UserError
 
 CHARACTERS = (".glb", ".gltf", ".vrm")
-READERS = {**dict.fromkeys(CHARACTERS, read_rig), ".urdf": read_urdf, ".xml": read_urdf}
+READERS = {**dict.fromkeys(CHARACTERS, read_rig), ".urdf": read_urdf, ".xml": read_robot}
 
 
 def load_character(file: Path) -> tuple[Rig, dict[str, str] | None]:
@@ -27,7 +28,7 @@ def load_character(file: Path) -> tuple[Rig, dict[str, str] | None]:
     """
     if file.suffix.lower() not in READERS:
         raise UserError(
-            f"'{file}' is neither a character (.glb, .gltf, .vrm), a robot (.urdf) nor a fitted body (.json)"
+            f"'{file}' is neither a character (.glb, .gltf, .vrm), a robot (.urdf, .xml) nor a fitted body (.json)"
         )
     rig = READERS[file.suffix.lower()](file)
     try:

@@ -229,7 +229,7 @@ def fit_proxies(
     """Fit capsules to every link of a character or a robot that has triangles.
 
     Args:
-        rig: from `read_rig` or `read_urdf`.
+        rig: from `read_rig`, `read_urdf` or `read_mjcf`.
         coverage: share of every link's surface that its capsules must hold, above 0.5; 1 holds everything.
         capsules: at most this many for a link; each but the first must save a tenth of the volume of what it splits.
         joints: {joint of our 22: link}, for a `body` that moves with motions of these; see `fit_body`.

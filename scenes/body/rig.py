@@ -43,7 +43,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A character or a robot at rest. `read_rig` and `read_urdf` make them.
+    """A character or a robot at rest. `read_rig`, `read_urdf` and `read_mjcf` make them.
 
     Attributes:
         name, source: the file's stem and the file.

@@ -10,16 +10,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.body.capsules import sample_surface
 from scenes.body.rig import Part, Rig
+from scenes.body.solids import solid, uncovered
 from scenes.errors import UserError, did_you_mean, shown
 from scenes.files import MOST_TEXT, readable, unreadable
 from scenes.mesh.collada import read_collada
 from scenes.mesh.content import joined
-from scenes.mesh.mesh import Mesh
 from scenes.mesh.reading import READERS, read_content
 from scenes.mesh.scale import LARGEST
-from scenes.mesh.surface import Surface
 from scenes.motion.frames import transform
 from scenes.motion.skeleton import tree_order
 from scenes.numbers import MOST, NARROWEST, is_number
@@ -27,10 +25,6 @@ from scenes.numbers import MOST, NARROWEST, is_number
 Y_UP = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """From URDF's world (x forward, y left, z up) to ours (z forward, x left, y up)."""
 
-_APART = 0.01
-"""Metres beyond collision shapes that are told: a voxel of the finest room grids; simplified shapes differ by less."""
-_POINTS = 5000
-"""Points at which a visual shape is compared with collision shapes: 2 cm apart on a square metre."""
 _READERS = {**READERS, "dae": read_collada}
 
 
@@ -122,36 +116,16 @@ def _uncovered(link: Element, folder: Path) -> str:
     if not seen or not link.findall("collision"):
         return ""
     try:
-        surface = Surface.of(Mesh(*joined([_solid(shape, where, folder) for shape in link.findall("collision")])))
-        reaches = [_beyond(surface, *_solid(shape, where, folder)) for shape in seen]
+        collides = [_solid(shape, where, folder) for shape in link.findall("collision")]
+        shown = [_solid(shape, where, folder) for shape in seen]
     except UserError as error:  # nobody needs what is only seen
         return f"visual shapes of {where} were not compared with its collision shapes: the file {error}"
-    out = [index for index, (reach, _) in enumerate(reaches) if reach > _APART]
-    if not out:
-        return ""
-    names = [seen[index].get("name") or f"{seen[index].find('geometry')[0].tag} {index + 1}" for index in out]  # type: ignore[index]
-    reach, at = max((reaches[index] for index in out), key=lambda found: found[0])
-    return (
-        f"{len(out)} of {len(seen)} visual shapes of {where} ({', '.join(names)}) reach up to {reach:.2f} m beyond its "
-        f"collision shapes, farthest at ({', '.join(f'{x:.2f}' for x in at)}) m in the link's frame; capsules leave "
-        "that out, so add collision shapes there if it can be touched"
-    )
-
-
-def _beyond(surface: Surface, vertices: np.ndarray, faces: np.ndarray) -> tuple[float, np.ndarray]:
-    """How far (m) a shape reaches out of a surface, and where."""
-    points = np.concatenate([vertices[:: 1 + len(vertices) // _POINTS], sample_surface(vertices, faces, _POINTS)])
-    outside = points[np.abs(surface.winding_fast(points)) < 0.5]
-    if not len(outside):
-        return 0.0, points[0]
-    distance = surface.unsigned_distance(outside)
-    return float(distance.max()), outside[distance.argmax()]
+    names = [shape.get("name") or f"{shape.find('geometry')[0].tag} {k + 1}" for k, shape in enumerate(seen)]  # type: ignore[index]
+    return uncovered(where, list(zip(names, shown, strict=True)), collides)
 
 
 def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """Vertices in the link's frame and triangles of one collision or visual shape."""
-    import trimesh
-
     geometry = shape.find("geometry")
     kind = None if geometry is None or len(geometry) == 0 else geometry[0]
     if kind is None:
@@ -160,18 +134,11 @@ def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndar
     if kind.tag == "mesh":
         vertices, faces = _mesh(kind, where, folder)
     elif kind.tag == "box":
-        solid = trimesh.creation.box(extents=_sizes(kind, "size", where, 3))
-        vertices, faces = solid.vertices, solid.faces
+        vertices, faces = solid("box", _sizes(kind, "size", where, 3))
     elif kind.tag == "sphere":
-        solid = trimesh.creation.icosphere(subdivisions=3, radius=_sizes(kind, "radius", where, 1)[0])
-        vertices, faces = solid.vertices, solid.faces
+        vertices, faces = solid("sphere", _sizes(kind, "radius", where, 1))
     elif kind.tag in ("cylinder", "capsule"):
-        radius, length = (_sizes(kind, key, where, 1)[0] for key in ("radius", "length"))
-        if kind.tag == "cylinder":
-            solid = trimesh.creation.cylinder(radius=radius, height=length, sections=48)
-        else:
-            solid = trimesh.creation.capsule(radius=radius, height=length, count=(24, 24))
-        vertices, faces = solid.vertices - solid.bounds.mean(axis=0), solid.faces
+        vertices, faces = solid(kind.tag, [_sizes(kind, key, where, 1)[0] for key in ("radius", "length")])
     else:
         raise UserError(f"has the unknown shape <{kind.tag}> in {link}; use mesh, box, cylinder or sphere")
     with np.errstate(over="ignore", invalid="ignore"):

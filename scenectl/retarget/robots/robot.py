@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from scenectl.retarget.robots.avoid import clear
 from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.solve import solved
 from scenectl.retarget.robots.targets import resampled, targets
 from scenectl.retarget.robots.trajectory import Trajectory
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
+from scenes.world.scene import Scene
 
 FPS = 50.0
 """Frames a second at which controllers of humanoids track motions (mjlab, BeyondMimic)."""
@@ -19,12 +21,20 @@ FPS = 50.0
 class Robot(Humanoid):
     """A humanoid robot from its own file, that can be made to follow motions: ``Robot("g1.xml").retarget(motion)``."""
 
-    def retarget(self, motion: Motion, fps: float = FPS, tasks: Sequence[Any] = (), limits: Sequence[Any] = ()) -> Any:
+    def retarget(
+        self,
+        motion: Motion,
+        fps: float = FPS,
+        scene: Scene | None = None,
+        tasks: Sequence[Any] = (),
+        limits: Sequence[Any] = (),
+    ) -> Any:
         """Make the robot follow a motion.
 
         Args:
             motion: one ``[T, 22, 3]``, or several ``[S, T, 22, 3]``.
             fps: frames a second of the trajectory.
+            scene: that the robot stays out of, y up; nothing is where there is none.
             tasks, limits: of mink, beside the robot's own.
 
         Returns:
@@ -36,6 +46,7 @@ class Robot(Humanoid):
         if not 1 <= fps <= 1000:
             raise UserError(f"{fps:g} frames a second are no rate for a robot; give 1 to 1000")
         if motion.joints.ndim == 4:
-            return [self.retarget(motion[i], fps, tasks, limits) for i in range(len(motion.joints))]
+            return [self.retarget(motion[i], fps, scene, tasks, limits) for i in range(len(motion.joints))]
         wanted = targets(resampled(motion, fps), self.points)
-        return Trajectory(self, solved(self, wanted, tasks, limits), fps, wanted.source, wanted.plants, motion.t0)
+        qpos = clear(lambda avoid: solved(self, wanted, tasks, limits, avoid), self, fps, scene, motion.t0)
+        return Trajectory(self, qpos, fps, wanted.source, wanted.plants, motion.t0)

@@ -31,7 +31,7 @@ def test_without_a_file_it_prints_our_own_body(scenectl: Run, tmp_path: Path) ->
     assert said.status == 0 and "ANSUR II" in said.out and "left_knee" in said.out
     for option in ("--json", "--png"):
         said = scenectl("body", option, tmp_path / "x")
-        assert said.status == 2 and "give a URDF or GLB file" in said.err and not (tmp_path / "x").exists()
+        assert said.status == 2 and "give a URDF, MJCF or GLB file" in said.err and not (tmp_path / "x").exists()
 
 
 def test_what_collides_less_than_it_shows_is_told(scenectl: Run, tmp_path: Path) -> None:
