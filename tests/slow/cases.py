@@ -62,12 +62,12 @@ def files(root: Path, out: Path) -> Iterator[tuple[Motion, Path, Settings]]:
     """What is written: a motion, or several, by the ending of a path. A door swings while somebody walks up to it."""
     motion, scene = walked(root, out)
     best, room = motion[0], Settings(scene=scene, t0=motion.t0)
-    for ending in ("bvh", "usd"):
+    for ending in ("bvh", "glb", "usd"):
         yield best, out / f"walk.{ending}", Settings()
         yield best, out / f"at_60.{ending}", Settings(fps=60)
         for preset in PRESETS:
             yield best, out / f"{preset}.{ending}", Settings(names=preset, fps=30)
-    # yield motion, out / "samples.glb", room
+    yield motion, out / "samples.glb", room
     yield best, out / "room.usda", room
     yield best, out / "z_up.usdc", replace(room, up="z", unit="cm", names="mixamo")
 
