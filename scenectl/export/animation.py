@@ -111,7 +111,7 @@ class Animation:
             turns.append(turns[parent] * _scipy(self.rotations[:, joint]))
         return _steady(np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1))
 
-    def resampled(self, fps: float) -> Animation:
+    def resampled(self, fps: float | int) -> Animation:
         """The same at another rate: rotations by slerp, roots by a cubic spline; the last frame still reached is last.
 
         Bones are as long as before at any rate.
@@ -124,7 +124,7 @@ class Animation:
         except ValueError as error:
             raise UserError(f"{fps:g} frames a second cannot be written: {error}") from error
         if fps == self.fps or self.frames < 2:
-            return replace(self, fps=fps)
+            return replace(self, fps=float(fps))
         at = np.arange(int(self.times[-1] * fps + 1e-6) + 1) / fps
         at = np.minimum(at, self.times[-1])
         turns = [Slerp(self.times, _scipy(self.rotations[:, joint]))(at) for joint in range(self.rotations.shape[1])]
@@ -132,7 +132,7 @@ class Animation:
         roots, hips = CubicSpline(self.times, self.roots)(at), None
         if self.hips is not None:
             hips = CubicSpline(self.times, self.hips)(at)
-        return replace(self, rotations=_steady(rotations), roots=roots, hips=hips, fps=fps)
+        return replace(self, rotations=_steady(rotations), roots=roots, hips=hips, fps=float(fps))
 
     def in_place(self) -> Animation:
         """The same without root motion: the root stays over the place of its first frame, and rises and sinks."""

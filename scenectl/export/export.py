@@ -73,6 +73,8 @@ def export(motion: Motion, path: str | Path, settings: Settings | None = None, *
             written.
     """
     path = Path(path)
+    if isinstance(stated.get("character"), str):
+        stated["character"] = Path(stated["character"])
     settings = replace(settings or Settings(), **{"t0": motion.t0, **stated})
     form = format_of(path)
     check(settings, path)
@@ -117,7 +119,7 @@ def check(settings: Settings, path: Path) -> None:
         raise UserError("joints are named for a character; state --character, too, or leave --joints out")
     if settings.character is not None and settings.names != Settings.names:
         raise UserError("a character's joints keep its own names; leave --names out")
-    if ending == ".vrm" and (settings.character is None or Path(settings.character).suffix.lower() != ".vrm"):
+    if ending == ".vrm" and (settings.character is None or settings.character.suffix.lower() != ".vrm"):
         raise UserError("a .vrm file is a VRM character; give one with --character, or write a .glb file")
 
 

@@ -25,7 +25,7 @@ class Settings:
         joints: {our joint: the character's}, where its names say too little.
     """
 
-    fps: float | None = None
+    fps: float | int | None = None
     root_motion: bool = True
     names: str = "humanml"
     up: str | None = None
