@@ -32,6 +32,10 @@ PIECES = 6
 """Straight pieces of a tube between two of its points."""
 SPREAD = 0.045
 """Metres along the surface by which the hold of a joint fades."""
+STEPS = 4
+"""Steps of time in which it does; a single one would leave a joint a hold far away."""
+LEAST = 0.01
+"""Share below which a joint does not carry a vertex."""
 SOLE = 0.025
 """Metres from the foot joints down to the soles, which are level."""
 
@@ -109,8 +113,10 @@ def held(vertices: np.ndarray, faces: np.ndarray, parts: list[Tube]) -> np.ndarr
     owner = np.take_along_axis(joints, distances.argmin(axis=0)[None], axis=0)[0]
     owned = np.eye(len(HUMANML3D.names))[owner]
     mass = massmatrix(vertices, faces)
-    spread = splu((mass - SPREAD**2 * cotmatrix(vertices, faces)).tocsc())
-    return np.clip(spread.solve(mass @ owned), 0.0, 1.0)
+    spread = splu((mass - SPREAD**2 / STEPS * cotmatrix(vertices, faces)).tocsc())
+    for _ in range(STEPS):
+        owned = np.clip(spread.solve(mass @ owned), 0.0, 1.0)
+    return np.where(owned < LEAST, 0.0, owned)
 
 
 def thinned(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
