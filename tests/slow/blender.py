@@ -17,7 +17,7 @@ import numpy as np
 from mathutils import Vector  # type: ignore[import-not-found]
 from mathutils.kdtree import KDTree  # type: ignore[import-not-found]
 
-SAMPLES = 24  # rays a pixel: few, as a look at a shape needs no more
+SAMPLES = 8  # rays a pixel: few, as a look at a shape needs no more
 
 
 def main(cases: Path, results: Path) -> None:
@@ -151,7 +151,7 @@ def picture(armature: Any, case: dict[str, Any]) -> None:
     scene.world = bpy.data.worlds.new("world")
     scene.world.color = (0.6, 0.6, 0.6)
     scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", SAMPLES
-    scene.render.resolution_x, scene.render.resolution_y = 480, 480
+    scene.render.resolution_x, scene.render.resolution_y = 400, 400
     scene.render.filepath = case["picture"]
     bpy.ops.render.render(write_still=True)
 
