@@ -113,7 +113,9 @@ def godot(cases: list[Case], out: Path) -> Iterator[Row]:
     shutil.copytree(HERE / "godot", project)
     for case in chosen:
         shutil.copy(case.file, project)
-    home = os.environ | {"HOME": str(out / "godot-home")}  # outside of the project, which it would look through for ever
+    home = os.environ | {
+        "HOME": str(out / "godot-home")
+    }  # outside of the project, which it would look through for ever
     for name in [name for name in home if name.startswith("XDG_")]:
         del home[name]
     Path(home["HOME"]).mkdir(exist_ok=True)
@@ -165,8 +167,8 @@ def godots(case: Case, lines: list[list[str]]) -> Row:
 
 
 def plain(name: str) -> str:
-    """A name as Godot 3 may have changed it."""
-    return re.sub("[^a-z0-9]", "", name.lower())
+    """A name as Godot 3 may have changed it: it makes spine_1 of spine1 and spine_01."""
+    return re.sub(r"[^a-z0-9]|0+(?=\d)", "", name.lower())
 
 
 CHECKS = (blender, validator, godot)

@@ -46,9 +46,9 @@ def measured(case: dict[str, Any]) -> dict[str, Any]:
             stand(case["first"] + moment["time"] * case["fps"])
             off["joints"].append(heads(armature, moment["joints"]))
             if moment["mesh"]:
-                off["mesh"].append(apart(drawn(lambda thing: skinned(thing)), np.array(moment["mesh"])))
+                off["mesh"].append(apart(drawn(skinned), np.array(moment["mesh"])))
             for name, corners in moment["things"].items():
-                off["things"].append(apart(drawn(lambda thing, name=name: within(thing, name)), np.array(corners)))
+                off["things"].append(apart(drawn(lambda thing, name=name: thing.data.name == name), np.array(corners)))
     found |= {what: max(values) for what, values in off.items() if values}
     if case["picture"]:
         only(case["plays"][0]["name"])
@@ -69,9 +69,11 @@ def only(name: str) -> None:
     """Play one of the animations, where a file holds several: the importer makes a track of each."""
     for thing in bpy.data.objects:
         if thing.animation_data and len(thing.animation_data.nla_tracks):
-            thing.animation_data.action = None
             for track in thing.animation_data.nla_tracks:
-                track.mute = track.name != name
+                track.mute = True  # their strips begin at frame 1, and actions at 0
+                if track.name == name:
+                    thing.animation_data.action = track.strips[0].action
+                    thing.animation_data.action_slot = track.strips[0].action_slot
 
 
 def stand(frame: float) -> None:
@@ -98,12 +100,6 @@ def heads(armature: Any, expected: dict[str, list[float]]) -> float:
 
 def skinned(thing: Any) -> bool:
     return any(modifier.type == "ARMATURE" for modifier in thing.modifiers)
-
-
-def within(thing: Any, name: str) -> bool:
-    while thing is not None and thing.name != name:
-        thing = thing.parent
-    return thing is not None
 
 
 def drawn(chosen: Any) -> np.ndarray:
