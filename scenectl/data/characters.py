@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 
 from scenectl.data.joint_names import match_joints
-from scenes.body.fit import fits
+from scenes.body.body import ProxyBody
+from scenes.body.fit import fit_body, fits
 from scenes.body.gltf import read_rig
+from scenes.body.proxies import check_size
 from scenes.body.rig import Rig
 from scenes.body.urdf import read_urdf
 from scenes.errors import UserError
 
-READERS = {".glb": read_rig, ".gltf": read_rig, ".urdf": read_urdf, ".xml": read_urdf}
+CHARACTERS = (".glb", ".gltf", ".vrm")
+READERS = {**dict.fromkeys(CHARACTERS, read_rig), ".urdf": read_urdf, ".xml": read_urdf}
 
 
 def load_character(file: Path) -> tuple[Rig, dict[str, str] | None]:
@@ -21,10 +26,68 @@ def load_character(file: Path) -> tuple[Rig, dict[str, str] | None]:
         UserError: a file of another kind, or one that cannot be read.
     """
     if file.suffix.lower() not in READERS:
-        raise UserError(f"'{file}' is neither a character (.glb, .gltf), a robot (.urdf) nor a fitted body (.json)")
+        raise UserError(
+            f"'{file}' is neither a character (.glb, .gltf, .vrm), a robot (.urdf) nor a fitted body (.json)"
+        )
     rig = READERS[file.suffix.lower()](file)
     try:
-        joints = {joint: rig.links[index] for joint, index in match_joints(rig.links).items()}
+        joints = joints_of(rig)
     except UserError:  # a robot, or a creature
         return rig, None
     return rig, joints if fits(joints) else None
+
+
+def character_body(file: Path) -> ProxyBody:
+    """The body of a character's file; raises UserError where it has not our 22 joints, or no person's size."""
+    try:
+        stat = file.stat()
+    except OSError:
+        return _body(file, 0, 0)
+    return _body(file, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=8)
+def _body(file: Path, *_: int) -> ProxyBody:
+    """The body of a file that was written then, of so many bytes: a run asks for it several times."""
+    rig = read_rig(file)
+    try:
+        body = fit_body(rig, joints_of(rig))
+    except UserError as error:
+        raise UserError(f"character file '{file}': {error}") from error
+    check_size(body, f"character file '{file}'")
+    return body
+
+
+def joints_of(rig: Rig, stated: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Which of a rig's links are our 22 joints: as stated, as the file says itself, else by their names.
+
+    Spines are told by the tree. Of all links between the pelvis and what neck and shoulders hang on, that is our
+    `spine3`, and `spine1` and `spine2` lie evenly between; where there are fewer, the lower ones are missing.
+
+    Raises:
+        UserError: joints that are not found, or stated ones that do not exist.
+    """
+    found = match_joints(rig.links, {**rig.known, **(stated or {})})
+    spine = [] if {"spine1", "spine2", "spine3"} <= found.keys() else _spine(rig, found)
+    count = len(spine)
+    for k in (1, 2, 3):
+        if (at := round(k * count / 3)) and (k == 3 or at < round((k + 1) * count / 3)):
+            found.setdefault(f"spine{k}", spine[at - 1])
+    return {joint: rig.links[index] for joint, index in found.items()}
+
+
+def _spine(rig: Rig, found: Mapping[str, int]) -> list[int]:
+    """Links between the pelvis and what the neck and both shoulders hang on, the lowest first."""
+    ways = [_above(rig, found[name]) for name in ("neck", "left_shoulder", "right_shoulder")]
+    common = [link for link in ways[0] if all(link in way for way in ways[1:])]
+    if found["pelvis"] not in common:
+        return []
+    return common[: common.index(found["pelvis"])][::-1]
+
+
+def _above(rig: Rig, link: int) -> list[int]:
+    """All links that a link hangs on, the nearest first."""
+    way = []
+    while (link := rig.parents[link]) >= 0:
+        way.append(link)
+    return way

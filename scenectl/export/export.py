@@ -82,10 +82,11 @@ def export(motion: Motion, path: str | Path, settings: Settings | None = None, *
     if not motions:
         raise UserError("there is no motion to export; make one")
     animations, moved = [], 0.0
+    travels = settings.root_motion or settings.character is not None  # whose feet stand where it walks
     for place, one in enumerate(motions):
         animation, by = Animation.of(one, path.stem if len(motions) == 1 else f"{path.stem}_{place}")
         animation = animation if settings.fps is None else animation.resampled(settings.fps)
-        animations.append(named(animation if settings.root_motion else animation.in_place(), settings.names))
+        animations.append(named(animation if travels else animation.in_place(), settings.names))
         moved = max(moved, by)
     if form.SEVERAL or len(animations) == 1:
         form.write(animations, path, settings)

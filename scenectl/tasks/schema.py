@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, 
 
 from objectives import Term, read_with
 from scenectl.control.settings import GuidanceSettings, SolverSettings
+from scenectl.data.characters import CHARACTERS, character_body
 from scenectl.data.formats.motions import load_motion
 from scenectl.generators.registry import DEFAULT, Family, find
 from scenectl.generators.weights import bundled_weights
@@ -279,8 +280,8 @@ class TaskTable(_Table):
         start: "sample" (a free place, chosen by the seed) or a table (`Start`); by default sampled in a scene with
             obstacles and the origin without.
         walk: where to walk (`Walk`), planned around the obstacles.
-        body: { height = 1.6 } for a person so tall (m), 1.2 to 2.1, or the file that `scenectl body CHARACTER --json`
-            wrote, for a character with our 22 joints; by default an adult of 1.7.
+        body: { height = 1.6 } for a person so tall (m), 1.2 to 2.1; the file of a character with our 22 joints (.glb,
+            .gltf, .vrm), or what `scenectl body CHARACTER --json` wrote; by default an adult of 1.7.
         avoid: whether the scene is avoided: where it has a mesh, primitives or objects, or the task has goals, which
             may push a body into a bare floor, there is the goal `sdf_penetration` with options that work (`AVOID`)
             and, where it walks ([walk], or `follow_path` of the pelvis), `foot_contact` (`GROUND`). A table states
@@ -394,7 +395,9 @@ class TaskTable(_Table):
         """The body that moves and touches things: so tall, of the file, or an adult's."""
         if self.body is None:
             return DEFAULT_BODY
-        return ProxyBody.human(self.body.height) if isinstance(self.body, BodySpec) else load_body(self.body)
+        if isinstance(self.body, BodySpec):
+            return ProxyBody.human(self.body.height)
+        return character_body(self.body) if self.body.suffix.lower() in CHARACTERS else load_body(self.body)
 
     def dump(self) -> dict[str, Any]:
         """Plain values that `Task(**values)` builds the same task from, as far as its scene comes from files."""

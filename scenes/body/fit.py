@@ -17,8 +17,8 @@ from scenes.motion.fitting import skeleton_of
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
-PLACED = ("spine1", "spine2", "spine3", "left_collar", "right_collar")
-"""Joints that are placed between others where a character lacks them."""
+PLACED = ("spine1", "spine2", "spine3", "left_collar", "right_collar", "left_foot", "right_foot")
+"""Joints that are placed by others where a character lacks them."""
 
 THINNEST = 0.01
 """Metres below which no radius goes: thinner capsules would need thousands of samples."""
@@ -52,8 +52,9 @@ def fit_body(rig: Rig, joints: Mapping[str, str], coverage: float | int = 1.0) -
 
     Surface belongs to the nearest bone among those that start at its joint; fingers count as the wrist, and the ends of
     limbs reach past their last joint. Bones are as long as the character's, in the T-pose whatever it rests in: arms
-    that hang down only tell their lengths. Nothing reaches below the soles, or every motion would stand in the floor;
-    `source` says how far the character sticks out of its body.
+    that hang down only tell their lengths. The balls of the feet lie where soles are level in the T-pose (`placed`).
+    Nothing reaches below the soles, or every motion would stand in the floor; `source` says how far the character
+    sticks out of its body.
 
     Args:
         rig: the character, y up, on its feet.
@@ -65,13 +66,13 @@ def fit_body(rig: Rig, joints: Mapping[str, str], coverage: float | int = 1.0) -
     """
     if not 0.5 < coverage <= 1:
         raise UserError(f"coverage is {coverage:g}; give a share above 0.5 and at most 1")
-    place = _placed(rig, joints)
+    place = placed(rig, joints)
     limbs = _limbs(rig, joints, place)
     radii = {(limb.a, limb.b): limb.radius(coverage) for limb in limbs if len(limb.points)}
     for limb in limbs:  # a bone that no triangle is nearest to is as thick as the thinnest one beside it
         beside = [r for key, r in radii.items() if {limb.a, limb.b} & set(key) - {-1}]
         radii.setdefault((limb.a, limb.b), min(beside or radii.values()))
-    how, skeleton = f"fitted to {rig.name}", _skeleton(rig, place)
+    how, skeleton = f"fitted to {rig.name}", t_pose(rig, place)
     on_joints = [
         BodySphere(name, j, max(r for key, r in radii.items() if j in key), how)
         for j, name in enumerate(HUMANML3D.names)
@@ -87,8 +88,8 @@ def fit_body(rig: Rig, joints: Mapping[str, str], coverage: float | int = 1.0) -
     return ProxyBody(skeleton, (*on_joints, *past), bones, float(feet.min()) - limbs[0].ground, source)
 
 
-def _skeleton(rig: Rig, place: np.ndarray) -> Skeleton:
-    """The T-pose of a character whose joints stand at ``place [22, 3]`` at rest."""
+def t_pose(rig: Rig, place: np.ndarray) -> Skeleton:
+    """The T-pose of a character whose joints stand at ``place [22, 3]`` at rest (`placed`)."""
     skeleton = skeleton_of(Motion(torch.from_numpy(place)[None]))
     for (parent, joint), length in zip(skeleton.bones, skeleton.bone_lengths[1:], strict=True):
         if length < SHORTEST:
@@ -102,18 +103,32 @@ def fits(joints: Mapping[str, str]) -> bool:
     return all(name in joints or name in PLACED for name in HUMANML3D.names)
 
 
-def _placed(rig: Rig, joints: Mapping[str, str]) -> np.ndarray:
-    """World positions of the 22 joints at rest, ``[22, 3]``."""
+def placed(rig: Rig, joints: Mapping[str, str]) -> np.ndarray:
+    """World positions of the 22 joints at rest, ``[22, 3]``.
+
+    The ball of a foot lies over or under the joint that the character has there, as high as it is over a level sole in
+    the T-pose: so feet that are turned as ours stand on level soles, however high their ankles are.
+    """
     at = {_AT(joint): rig.origins[rig.index(link)] for joint, link in joints.items()}
     missing = [name for name in HUMANML3D.names if _AT(name) not in at and name not in PLACED]
     if missing:
         raise UserError(f"no link of '{rig.name}' is stated for {', '.join(missing)}; state which is which")
-    pelvis, neck = at[_AT("pelvis")], at[_AT("neck")]
-    shares = np.cumsum([HUMANML3D.bone_lengths[_AT(name)] for name in ("spine1", "spine2", "spine3", "neck")])
-    for name, share in zip(PLACED[:3], shares[:3] / shares[3], strict=True):
-        at.setdefault(_AT(name), pelvis + share * (neck - pelvis))
+    spine = [_AT(name) for name in ("pelvis", *PLACED[:3], "neck")]
+    shares = np.cumsum([0.0, *HUMANML3D.bone_lengths[spine[1:]]])
+    known = [k for k, joint in enumerate(spine) if joint in at]
+    for k, joint in enumerate(spine):
+        between = [np.interp(shares[k], shares[known], [at[spine[i]][axis] for i in known]) for axis in range(3)]
+        at.setdefault(joint, np.array(between))
+    left = at[_AT("left_hip")] - at[_AT("right_hip")]
+    facing = np.array([-left[2], 0.0, left[0]]) / max(math.hypot(left[0], left[2]), SHORTEST)
     for side in ("left", "right"):
-        at.setdefault(_AT(f"{side}_collar"), (neck + at[_AT(f"{side}_shoulder")]) / 2)
+        at.setdefault(_AT(f"{side}_collar"), (at[_AT("neck")] + at[_AT(f"{side}_shoulder")]) / 2)
+        ankle, foot = _AT(f"{side}_ankle"), _AT(f"{side}_foot")
+        _, down, ahead = HUMANML3D.offsets[foot]
+        shin = np.linalg.norm(at[ankle] - at[_AT(f"{side}_knee")]) / HUMANML3D.bone_lengths[ankle]
+        at.setdefault(foot, at[ankle] + shin * ahead * facing)
+        along = math.hypot(*(at[foot] - at[ankle])[[0, 2]])
+        at[foot] = np.array([at[foot][0], at[ankle][1] + along * down / ahead, at[foot][2]])
     return np.stack([at[j] for j in range(len(HUMANML3D.names))])
 
 

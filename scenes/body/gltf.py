@@ -1,7 +1,7 @@
 """Characters from glTF files: triangles bound to a skeleton.
 
-`scenes.mesh.gltf` reads the file; here is what concerns skins. Section numbers are those of the Khronos glTF 2.0
-specification.
+`scenes.mesh.gltf` reads the file; here is what concerns skins, and the humanoid bones that VRM files name. Section
+numbers are those of the Khronos glTF 2.0 specification.
 """
 
 from __future__ import annotations
@@ -21,14 +21,28 @@ from scenes.mesh.scale import LARGEST
 from scenes.motion.frames import rigid, transform
 from scenes.numbers import MOST
 
+_VRM = {
+    "hips": "pelvis", "neck": "neck", "head": "head",
+    **{
+        f"{side}{theirs}": f"{side}_{ours}"
+        for side in ("left", "right")
+        for theirs, ours in (
+            ("UpperLeg", "hip"), ("LowerLeg", "knee"), ("Foot", "ankle"), ("Toes", "foot"), ("Shoulder", "collar"),
+            ("UpperArm", "shoulder"), ("LowerArm", "elbow"), ("Hand", "wrist"),
+        )
+    },
+}  # fmt: skip
+"""Humanoid bones of VRM 0 and 1 that are joints of ours. Spines are told by the tree (`Rig`): they may be 1 to 3."""
+
 
 def read_rig(path: str | Path) -> Rig:
-    """Read a character with a skeleton from a GLB or glTF file, in metres with y up as its standard says.
+    """Read a character with a skeleton from a GLB, glTF or VRM file, in metres with y up as its standard says.
 
     Every triangle belongs to the joint that has the most weight on its corners, and moves with it as a rigid body: in
     the joint's frame it lies where the file bound it. Several skins are read together where they share joints (a body
     and its clothes). Meshes without a skin move with the joint that they hang on; others are left out. The pose at rest
-    is that of the file's nodes; a scale on them is applied to the triangles and taken out of the frames.
+    is that of the file's nodes; a scale on them is applied to the triangles and taken out of the frames. Humanoid bones
+    that a VRM extension names are joints, and known as ours.
 
     Raises:
         UserError: no such file; one that `scenes.mesh.gltf.read_gltf` refuses; no skin, or several without a common
@@ -36,11 +50,12 @@ def read_rig(path: str | Path) -> Rig:
     """
     path = readable(path, "character file")
     with told(f"character file '{path}'", "glTF"):
-        return _rig(path, _Skinned.read(path))
+        return rig_of(Skinned.read(path))
 
 
-def _rig(path: Path, file: _Skinned) -> Rig:
-    joints = file.joints
+def rig_of(file: Skinned) -> Rig:
+    """The rig of a file that is already in memory: link k is its node ``file.joints[k]``."""
+    path, joints = file.path, file.joints
     names = tuple(distinct(str(file.nodes[node].get("name") or f"node {node}") for node in joints))
     place = {node: joint for joint, node in enumerate(joints)}
     parents = tuple(place.get(file.above(node, place), -1) for node in joints)
@@ -60,10 +75,11 @@ def _rig(path: Path, file: _Skinned) -> Rig:
             raise ValueError(f"coordinates are NaN, infinite or over {LARGEST:g} m from their joint")
         vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         parts.append(Part(names[joint], frames[joint], vertices, faces.reshape(-1, 3)))
-    return Rig(path.stem, str(path), names, parents, frames, tuple(parts))
+    known = {joint: names[place[node]] for joint, node in file.humanoid.items()}
+    return Rig(path.stem, str(path), names, parents, frames, tuple(parts), known=known)
 
 
-class _Skinned(Gltf):
+class Skinned(Gltf):
     """A file whose meshes are bound to joints (section 3.7.3)."""
 
     @cached_property
@@ -73,15 +89,30 @@ class _Skinned(Gltf):
         if not skins:
             raise UserError("has no skin, so nothing says which joint moves which triangle; export it with its rig")
         groups = [{numbered(node, self.nodes, "joint") for node in skin["joints"]} for skin in skins]
-        together = groups[0]
+        together = groups[0] | set(self.humanoid.values())
         for _ in groups:  # clothes may share joints with other clothes only
-            together = together.union(*(group for group in groups if group & together))
-        if apart := sum(not group & together for group in groups):
+            together = together.union(*(group for group in groups if self._hangs(group, together)))
+        if apart := sum(not self._hangs(group, together) for group in groups):
             raise UserError(
                 f"has {len(groups)} skins, {apart} of them without a joint in common with the first; "
                 "export one character a file"
             )
         return [node for node in self.order if node in together]
+
+    @cached_property
+    def humanoid(self) -> dict[str, int]:
+        """Nodes of the joints of ours that a VRM extension names (VRM 1.0 `VRMC_vrm`, else VRM 0.x `VRM`)."""
+        extensions = self.facts.get("extensions", {})
+        bones: Any = next(
+            (extensions[key]["humanoid"]["humanBones"] for key in ("VRMC_vrm", "VRM") if key in extensions), {}
+        )
+        named = bones.items() if isinstance(bones, dict) else [(bone["bone"], bone) for bone in bones]
+        return {_VRM[name]: numbered(bone["node"], self.nodes, "node") for name, bone in named if name in _VRM}
+
+    def _hangs(self, group: set[int], on: set[int]) -> bool:
+        """Whether some joints are among others or hang on them, as those of hair do on a head."""
+        among = dict.fromkeys(on, 0)
+        return any(joint in on or self.above(joint, among) >= 0 for joint in group)
 
     def triangles(self, node: int, place: dict[int, int]) -> list[tuple[int, np.ndarray]]:
         """World triangles ``[F, 3, 3]`` of a node's mesh for each joint that owns some."""

@@ -308,9 +308,14 @@ def load_body(path: str | Path) -> ProxyBody:
     found = Proxies.load(path)
     if found.body is None:
         raise UserError(f"body file '{path}' holds a robot or creature without our 22 joints, so no motion moves it")
-    if not SMALLEST <= found.body.size <= LARGEST:
+    check_size(found.body, f"body file '{path}'")
+    return found.body
+
+
+def check_size(body: ProxyBody, where: str) -> None:
+    """Raises UserError for a body much smaller or larger than the people whose motions there are."""
+    if not SMALLEST <= body.size <= LARGEST:
         raise UserError(
-            f"body file '{path}' holds a body with legs of {found.body.skeleton.legs:.2f} m; motions are made for legs "
+            f"{where} holds a body with legs of {body.skeleton.legs:.2f} m; motions are made for legs "
             f"of {SMALLEST * HUMANML3D.legs:.2f} to {LARGEST * HUMANML3D.legs:.2f} m"
         )
-    return found.body

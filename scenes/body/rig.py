@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +52,7 @@ class Rig:
         frames: rigid transform from each link to the world at rest, ``[L, 4, 4]``, metres, y up.
         parts: triangles of the links that have some, in the order of `links`.
         doubts: what whoever gave the file should hear about how it was read, one sentence each.
+        known: {joint of our 22: link} as far as the file itself says so.
 
     Raises:
         UserError: it is larger than any scene; the sentence carries on from its name.
@@ -63,6 +65,7 @@ class Rig:
     frames: np.ndarray
     parts: tuple[Part, ...]
     doubts: tuple[str, ...] = ()
+    known: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         reach = np.concatenate([self.origins, *(part.placed for part in self.parts)])

@@ -172,13 +172,21 @@ def local_rotations(motion: Moving) -> Float[Tensor, "*b T J 4"]:
     return steady(unit_quaternions(local))
 
 
+def carried(rotations: Float[Tensor, "*b J 4"], skeleton: Skeleton) -> Float[Tensor, "*b J 3 3"]:
+    """World rotations of local ones."""
+    local = matrices(rotations)
+    turned = [local[..., 0, :, :]]
+    for joint, parent in enumerate(skeleton.parents[1:], 1):
+        turned.append(turned[parent] @ local[..., joint, :, :])
+    return torch.stack(turned, dim=-3)
+
+
 def forward(
     rotations: Float[Tensor, "*b J 4"], root: Float[Tensor, "*b 3"], skeleton: Skeleton
 ) -> Float[Tensor, "*b J 3"]:
     """Joints (m) of local rotations and the root's position (m); differentiable."""
-    local, offsets = matrices(rotations), rotations.new_tensor(skeleton.offsets)
-    turned, places = [local[..., 0, :, :]], [root]
+    turned, offsets = carried(rotations, skeleton), rotations.new_tensor(skeleton.offsets)
+    places = [root]
     for joint, parent in enumerate(skeleton.parents[1:], 1):
-        turned.append(turned[parent] @ local[..., joint, :, :])
-        places.append(places[parent] + turned[parent] @ offsets[joint])
+        places.append(places[parent] + turned[..., parent, :, :] @ offsets[joint])
     return torch.stack(places, dim=-2)

@@ -128,7 +128,7 @@ def standing() -> np.ndarray:
     joints[HUMANML3D.index("head")] = joints[HUMANML3D.index("neck")] + [0.0, 0.1, 0.02]
     for side, sign in (("left", 1), ("right", -1)):  # the feet point forward and down, as feet do
         ankle, foot = HUMANML3D.index(f"{side}_ankle"), HUMANML3D.index(f"{side}_foot")
-        joints[foot] = joints[ankle] + [0.02 * sign, -0.05, 0.13]
+        joints[foot] = joints[ankle] + [0.02 * sign, -math.hypot(0.02, 0.13) * 0.33 / 0.944, 0.13]
     return joints - [0.0, joints[:, 1].min() - 0.025, 0.0]
 
 

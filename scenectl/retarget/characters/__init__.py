@@ -1,0 +1,1 @@
+"""Skinned characters that play motions: read, posed by rotations, their feet planted."""
