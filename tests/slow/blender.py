@@ -35,10 +35,10 @@ def measured(case: dict[str, Any]) -> dict[str, Any]:
     bpy.context.scene.render.fps = round(case["fps"])
     opened(Path(case["file"]))
     (armature,) = (thing for thing in bpy.data.objects if thing.type == "ARMATURE")
-    missing = set(case["rest"]) ^ {bone.name for bone in armature.data.bones}
-    if missing:
+    bones, asked = {bone.name for bone in armature.data.bones}, set(case["plays"][0]["moments"][0]["joints"])
+    if missing := (set(case["rest"]) or bones | asked) ^ bones:
         return {"error": f"bones here or there only: {sorted(missing)}"}
-    found: dict[str, Any] = {"rest": rest(armature, case["rest"])}
+    found: dict[str, Any] = {"rest": rest(armature, case["rest"])} if case["rest"] else {}
     off: dict[str, list[float]] = {"joints": [], "mesh": [], "things": []}
     for play in case["plays"]:
         only(play["name"])
