@@ -134,7 +134,8 @@ def picture(armature: Any, case: dict[str, Any]) -> None:
     moments = case["plays"][0]["moments"]
     moment = moments[len(moments) * 2 // 3]
     stand(case["first"] + moment["time"] * case["fps"])
-    if not any(skinned(thing) for thing in bpy.data.objects):
+    meshes = [thing for thing in bpy.data.objects if thing.type == "MESH" and len(thing.data.polygons)]
+    if not meshes:
         sticks(armature)
     scene = bpy.context.scene
     centre = Vector(np.mean(list(moment["joints"].values()), axis=0))
@@ -142,7 +143,7 @@ def picture(armature: Any, case: dict[str, Any]) -> None:
     lamp = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
     lamp.data.energy, lamp.rotation_euler = 3.0, (0.6, 0.3, 0.4)
     scene.collection.objects.link(lamp)
-    if not moment["things"]:
+    if all(skinned(thing) for thing in meshes):
         bpy.ops.mesh.primitive_plane_add(size=6, location=(centre.x, centre.y, 0))
     scene.world = bpy.data.worlds.new("world")
     scene.world.color = (0.6, 0.6, 0.6)
