@@ -6,11 +6,11 @@ PIP  = .venv/bin/pip --disable-pip-version-check -qq
 BIN  = .venv/bin
 INSTALLED = .venv/.installed
 
-.PHONY: help install demo test fuzz check format hooks train bench lines clean
+.PHONY: help install demo test check-slow fuzz check format hooks train bench lines clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */  make \1\t/' | expand -t 18
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */  make \1\t/' | expand -t 18
 
 install: $(INSTALLED)  ## create .venv with scenectl and its tools in it
 	@:
@@ -31,6 +31,13 @@ demo: install  ## a person walks through the living room; the picture is out/dem
 
 test: install  ## run the tests
 	@$(BIN)/python -m pytest
+
+check-slow: install  ## open exported files in Blender, Godot and the Khronos validator (downloads bpy 4.5, 400 MB, and gltf-validator, once)
+	@test -x .venv-blender/bin/python || ! command -v python3.11 >/dev/null || { \
+		python3.11 -m venv .venv-blender && \
+		.venv-blender/bin/pip --disable-pip-version-check -qq install 'bpy==4.5.*' || rm -rf .venv-blender; }
+	@test -d .node/node_modules || ! command -v npm >/dev/null || npm install --silent --prefix .node gltf-validator@2.0.0-dev.3.10
+	@$(BIN)/python -m tests.slow
 
 fuzz: install  ## break files of every kind and read them (N=10000 of them, from seed FIRST=2000 on)
 	@$(BIN)/python -m tests.fuzz --number $(or $(N),10000) --first $(or $(FIRST),2000)

@@ -101,7 +101,8 @@ class _Person:
     def tracks(self, animation: Animation) -> Tracks:
         """What moves the joints."""
         turns = {(node, "rotation"): animation.rotations[:, joint] for joint, node in enumerate(self.nodes)}
-        return {(self.nodes[0], "translation"): animation.roots, **turns}
+        hips = {} if animation.hips is None else {(self.nodes[1], "translation"): animation.hips}
+        return {(self.nodes[0], "translation"): animation.roots, **hips, **turns}
 
 
 def add_room(document: Document, animations: Sequence[Animation], settings: Settings) -> list[Tracks]:

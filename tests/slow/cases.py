@@ -17,10 +17,13 @@ from scenectl.export.export import export
 from scenectl.export.mannequin import Mannequin
 from scenectl.export.names import PRESETS, named
 from scenectl.export.settings import Settings
+from scenectl.retarget.characters.character import Character
+from scenectl.retarget.characters.playing import play
 from scenectl.tasks.task import load_task
 from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
+from tests.scenectl.retarget.rigs import small, tall
 
 MOMENTS = 10
 
@@ -62,12 +65,14 @@ def files(root: Path, out: Path) -> Iterator[tuple[Motion, Path, Settings]]:
     """What is written: a motion, or several, by the ending of a path. A door swings while somebody walks up to it."""
     motion, scene = walked(root, out)
     best, room = motion[0], Settings(scene=scene, t0=motion.t0)
-    for ending in ("bvh", "usd"):
+    for ending in ("bvh", "glb", "usd"):
         yield best, out / f"walk.{ending}", Settings()
         yield best, out / f"at_60.{ending}", Settings(fps=60)
         for preset in PRESETS:
             yield best, out / f"{preset}.{ending}", Settings(names=preset, fps=30)
-    # yield motion, out / "samples.glb", room
+    yield motion, out / "samples.glb", room
+    for name, rig in {"mixamo_1.5_m": small(), "vrm_1.95_m": tall()}.items():
+        yield best, out / f"hero_{name}.glb", replace(room, character=rig.save(out / f"{name}.glb"))
     yield best, out / "room.usda", room
     yield best, out / "z_up.usdc", replace(room, up="z", unit="cm", names="mixamo")
 
@@ -92,6 +97,10 @@ def exported(motion: Motion, path: Path, settings: Settings) -> Case:
         animation = named(Animation.of(one, name)[0], settings.names)
         names = joint_names(animation, path.suffix)
         rest = dict(zip(names, blenders(rest_pose(animation.skeleton).numpy()), strict=True))
+        if settings.character is not None:
+            plays.append(Play(name, played(animation, settings)))
+            rest = {}
+            continue
         plays.append(Play(name, moments(one, animation, names, fps, settings, path.suffix)))
     return Case(str(path), picture, fps, int(path.suffix == ".bvh"), rest, plays)
 
@@ -128,6 +137,20 @@ def moments(
             moment.things = {mesh.name: blenders(mesh.vertices[np.unique(mesh.faces)]) for mesh in seen}
         found.append(moment)
     return found
+
+
+def played(animation: Animation, settings: Settings) -> list[Moment]:
+    """Where the character's joints are by its file's nodes, whose names are the file's."""
+    assert settings.character is not None
+    hero = Character.load(settings.character)
+    does = play(hero, animation.skeleton, animation.rotations, animation.roots, animation.fps)
+    worlds, nodes = does.worlds(hero.file)[:, :, :3, 3], hero.joints.values()
+    names = [hero.file.nodes[node]["name"] for node in nodes]
+    every = np.linspace(0, animation.frames - 1, MOMENTS).round().astype(int).tolist()
+    return [
+        Moment(frame / animation.fps, dict(zip(names, blenders(worlds[frame, list(nodes)]), strict=True)))
+        for frame in every
+    ]
 
 
 def skinned(animation: Animation, frame: int) -> np.ndarray:
