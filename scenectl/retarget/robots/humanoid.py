@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from scenectl.retarget.robots.mapping import ARM, LEG, SIDES, Tree, mapped
+from scenectl.retarget.robots.mapping import ARM, LEG, SIDES, Tree
 from scenectl.retarget.robots.points import Points, points_of
 from scenectl.retarget.robots.reading import borrowed, read
+from scenectl.retarget.robots.upright import upright
 
 SPEED = 3 * math.pi
 """Radians a second (metres of slides) where a file states no speed, as MJCF never does: GMR's default for all motors
@@ -60,8 +61,8 @@ class Humanoid:
         self.ranges: Float[np.ndarray, "n 2"] = np.where(limited, self.model.jnt_range[1:], [[-np.inf, np.inf]])
         self.stated = np.array([name in found.speeds for name in self.names], bool)
         self.speeds: Float[np.ndarray, " n"] = np.array([found.speeds.get(name, speed) for name in self.names])
-        self.joints, doubts = mapped(self.tree, self.source, joints or {})
-        self.doubts = (*found.doubts, *doubts)
+        self.model.qpos0[3:7], self.joints, doubts = upright(self.model, self.source, joints or {})
+        self.doubts = (*found.doubts, *doubts, *self.points.doubts)
 
     @property
     def slides(self) -> Bool[np.ndarray, " n"]:
@@ -99,7 +100,7 @@ class Humanoid:
         for start, hinge, end in ((f"{side}_{part}" for part in limb) for limb in (LEG, ARM) for side in SIDES):
             top, body = (self.tree.names.index(self.joints[name]) for name in (start, hinge))
             (above, here), (below, there) = self.points.bodies[start], self.points.bodies[end]
-            best = 0.0
+            best, found = 1e-6, None
             for joint in self.tree.between(top, body):
                 low, high = self.ranges[joint - 1]
                 far, angles = [], np.linspace(max(low, -math.pi) - 0.5, min(high, math.pi) + 0.5, _ANGLES)
@@ -113,11 +114,12 @@ class Humanoid:
                     far.append(float(np.linalg.norm(ends[0] - ends[1])))
                 if max(far) - min(far) > best:
                     best, found = max(far) - min(far), (joint - 1, float(angles[int(np.argmax(far))]))
-            yield found
+            if found is not None:
+                yield found
 
     @cached_property
     def rest(self) -> Any:
-        """MuJoCo's data of the pose in which the file has it, all joints where the model says; not to be changed."""
+        """MuJoCo's data of the pose in which the file has it, stood up (`upright`); not to be changed."""
         mujoco = borrowed("mujoco")
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)

@@ -25,15 +25,23 @@ NAMES = ("pelvis", "spine3", "head", *LIMBS)
 _WORDS = {
     "hip": ("hip", "thigh", "upleg", "upperleg", "femur"),
     "knee": ("knee", "shin", "calf", "shank", "lowleg", "lowerleg", "tibia"),
-    "ankle": ("ankle", "foot"),
+    "ankle": ("ankle", "foot", "talus", "calcn"),
     "shoulder": ("shoulder", "upperarm", "uparm", "humerus"),
-    "elbow": ("elbow", "forearm", "lowerarm", "lowarm"),
+    "elbow": ("elbow", "forearm", "lowerarm", "lowarm", "ulna", "radius"),
     "wrist": ("wrist", "hand", "palm"),
 }
 _FINGERS = re.compile("finger|thumb|index|middle|ring|pinky|little|gripper")
 _SIDES = {"left": "left", "right": "right", "l": "left", "r": "right"}
+_LIMB = "|".join(["leg", "arm", *(word for words in _WORDS.values() for word in words)])
+_GLUED = re.compile(f"([lr])(?:{_LIMB})s?|(?:{_LIMB})([lr])")
+"""Words with a side before or after them, such as lfemur and legl."""
 _HIGHER = 0.2
 """Share of its legs by which a humanoid's shoulders are over its hips at least; those of a quadruped are level."""
+_SAME = 0.9
+"""Share of a distance from which another is as large: an elbow's joints are at one place, and one of them twists."""
+_HANGS = 0.5
+"""Share of a leg's length by which its foot is under its hip at least: legs in a deep crouch, and no fingers that point
+ahead."""
 
 
 def mapped(tree: Tree, source: str, stated: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
@@ -135,7 +143,7 @@ def _by_names(tree: Tree) -> dict[str, int]:
     for body, name in enumerate(tree.names):
         told = [tree.model.joint(joint).name for joint in tree.joints[body]]
         parts = [part for text in (*told, name) if (part := _part(text))]
-        if not parts:
+        if not parts or any(_FINGERS.search("".join(_words(text))) for text in (*told, name)):
             continue
         if told:
             found[parts[0]] = body  # the last of several on a chain
@@ -144,13 +152,23 @@ def _by_names(tree: Tree) -> dict[str, int]:
     return {**fixed, **found}
 
 
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
+
+
+def _side(name: str) -> str | None:
+    """The side that a name tells."""
+    words = _words(name)
+    if side := next((_SIDES[word] for word in words if word in _SIDES), None):
+        return side
+    if glued := next((found for word in words if (found := _GLUED.fullmatch(word))), None):
+        return _SIDES[glued[1] or glued[2]]
+    return next((side for side in SIDES if "".join(words).startswith(side)), None)
+
+
 def _part(name: str) -> str | None:
     """Our joint that a name tells."""
-    words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
-    side = next((_SIDES[word] for word in words if word in _SIDES), None)
-    text = "".join(word for word in words if word not in _SIDES)
-    if side is None:
-        side = next((side for side in SIDES if text.startswith(side)), None)
+    side, text = _side(name), "".join(word for word in _words(name) if word not in _SIDES)
     if side is None or _FINGERS.search(text):
         return None
     return next((f"{side}_{part}" for part, known in _WORDS.items() if any(word in text for word in known)), None)
@@ -182,6 +200,8 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
         )
 
     legs = max(pairs, key=drop)
+    if drop(legs) < _HANGS * length(legs):
+        raise none
     taken = {body for end in legs[:2] for body in tree.chain(end)[len(tree.chain(legs[2])) :]}
     free = [pair for pair in pairs if not taken & {*tree.chain(pair[0]), *tree.chain(pair[1])}]
     if not free:
@@ -194,6 +214,9 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
     found = {"pelvis": legs[2], "spine3": arms[2]}
     for limb, pair, at in ((LEG, legs, hips), (ARM, arms, shoulders)):
         order = sorted((0, 1), key=lambda i: -float(at[i] @ left))
+        told = [_told(tree, pair[2], end) for end in pair[:2]]
+        if None not in told and told[0] != told[1]:
+            order = [told.index(side) for side in SIDES]
         for side, i in zip(SIDES, order, strict=True):
             found |= {
                 f"{side}_{part}": body for part, body in zip(limb, _parts(tree, pair[2], pair[i], limb), strict=True)
@@ -201,13 +224,33 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
     return found
 
 
+def _told(tree: Tree, above: int, end: int) -> str | None:
+    """The side of a limb that the names of its bodies and joints tell."""
+    bodies = tree.chain(end)[len(tree.chain(above)) :]
+    names = [name for b in bodies for name in (tree.names[b], *(tree.model.joint(j).name for j in tree.joints[b]))]
+    return next((side for name in names if (side := _side(name))), None)
+
+
+def _hand(tree: Tree, above: int, end: int) -> int:
+    """The last body of an arm before its fingers: the first one, three joints down, that several chains move on."""
+    for body in tree.chain(end)[len(tree.chain(above)) :]:
+        on = [child for child in range(len(tree.names)) if tree.parents[child] == body]
+        moved = [c for c in on if any(tree.joints[b] for b in range(len(tree.names)) if c in tree.chain(b))]
+        if len(tree.between(above, body)) >= 3 and (len(moved) > 1 or any(_FINGERS.search(tree.names[c].lower()) for c in moved)):
+            return body
+    return end
+
+
 def _parts(tree: Tree, above: int, end: int, limb: Sequence[str]) -> list[int]:
-    """Bodies of a limb: its middle joint is the one that is farthest from both of its ends."""
+    """Bodies of a limb: its middle joint is the one that is farthest from both of its ends, and bends it there."""
+    end = end if limb == LEG else _hand(tree, above, end)
     joints = tree.between(above, end)
     places = tree.anchors[joints]
     last = places[-1] if limb == LEG else tree.tip(end, places[-1])
     near = np.minimum(*(np.linalg.norm(places - place, axis=1) for place in (places[0], last)))
-    middle = max(int(near.argmax()), 1)
+    way = (last - places[0]) / max(float(np.linalg.norm(last - places[0])), 1e-9)
+    bends = np.linalg.norm(np.cross(tree.axes[joints], way), axis=1)
+    middle = max(int(np.where(near >= _SAME * near.max(), bends, -1.0).argmax()), 1)
     bodies = tree.model.jnt_bodyid[joints]
     return [int(bodies[middle - 1]), int(bodies[middle]), int(bodies[-1])]
 
@@ -217,8 +260,12 @@ def _left(tree: Tree, feet: Sequence[int], hips: Float[np.ndarray, "2 3"]) -> Fl
     across = (hips[0] - hips[1]) * [1, 1, 0]
     across /= max(float(np.linalg.norm(across)), 1e-9)
     ahead = np.cross(across, [0, 0, 1])
-    point = sum((corners(tree.model, tree.rest, [foot]).mean(axis=0) - tree.anchors[tree.between(0, foot)[-1]]) @ ahead
-                for foot in feet if len(corners(tree.model, tree.rest, [foot])))  # fmt: skip
+    point = 0.0
+    for foot in feet:
+        ankle = tree.between(0, foot)[-1]
+        whole = [b for b in range(len(tree.names)) if tree.model.jnt_bodyid[ankle] in tree.chain(b)]
+        if len(points := corners(tree.model, tree.rest, whole)):
+            point += float((points.mean(axis=0) - tree.anchors[ankle]) @ ahead)
     told = point if abs(point) > 0.01 else ahead[0]
     left: np.ndarray = across if told >= 0 else -across
     return left

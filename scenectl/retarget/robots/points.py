@@ -28,12 +28,14 @@ class Points:
         at: {our joint: where it is, ``[3]``}; `left_foot` and `right_foot` are the tips of the soles.
         turn: from the robot's world at rest to that frame, ``[3, 3]``.
         heels: {side: the heel's sole against the ankle, ``[3]``}.
+        doubts: one sentence where feet have no shapes.
     """
 
     bodies: dict[str, tuple[int, np.ndarray]]
     at: dict[str, np.ndarray]
     turn: Float[np.ndarray, "3 3"]
     heels: dict[str, np.ndarray]
+    doubts: tuple[str, ...] = ()
 
     def length(self, a: str, b: str) -> float:
         """Metres between two joints at rest."""
@@ -81,7 +83,10 @@ def points_of(tree: Tree, joints: Mapping[str, str], source: str) -> Points:
         side: turn @ (_sole(tree, body[f"{side}_ankle"], turn, world[f"{side}_ankle"], False) - world[f"{side}_ankle"])
         for side in SIDES
     }
-    found = Points(bodies, {joint: turn @ (place - world["pelvis"]) for joint, place in world.items()}, turn, heels)
+    at = {joint: turn @ (place - world["pelvis"]) for joint, place in world.items()}
+    bare = all(np.allclose(at[f"{side}_foot"], at[f"{side}_ankle"]) for side in SIDES)
+    doubts = ("its feet have no shapes; it stands on its ankles, so give the file with shapes",) if bare else ()
+    found = Points(bodies, at, turn, heels, doubts)
     for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
         if min(found.length(f"{side}_{a}", f"{side}_{b}") for side in SIDES) < 0.01:
             raise UserError(f"'{source}' has no length between {a} and {b}; state other bodies in `joints`")
