@@ -152,7 +152,7 @@ def mesh_of(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.
     """Vertices (metres, the link's frame) and triangles of a <mesh>'s file, read as it stands but for its scale.
 
     Raises:
-        UserError: a file that is missing or cannot be read, a scale of 0; the sentence carries on from the robot's file.
+        UserError: a file that is missing or cannot be read, a scale of 0; the sentence carries on from the file's name.
     """
     uri = _attribute(element, "filename", where)
     file = mesh_file(uri, folder)

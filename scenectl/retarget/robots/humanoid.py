@@ -24,6 +24,8 @@ MARGIN = 0.005
 _BENT = 0.1
 """Radians that knees and elbows stay bent. Straight limbs cannot say which way to bend, and knees snap: so little costs
 a leg a thousandth of its length."""
+_EITHER = 0.5
+"""Radians on both sides of straight from which a range does not say which way a limb bends."""
 _ANGLES = 181
 """At which a limb's length is looked at, 2 degrees apart."""
 
@@ -85,37 +87,50 @@ class Humanoid:
         low, high = self.ranges.T
         margin = np.minimum(MARGIN, (high - low) / 4)
         low, high = low + margin, high - margin
-        for joint, straight in self._hinges():
+        for joint, straight, way in self._hinges():
             least, most = straight + _BENT, straight - _BENT
-            if high[joint] - straight > straight - low[joint]:
+            up, down = high[joint] - straight, straight - low[joint]
+            if way > 0 if min(up, down) > _EITHER else up > down:
                 low[joint] = min(max(low[joint], least), high[joint])
             else:
                 high[joint] = max(min(high[joint], most), low[joint])
         return np.stack([low, high])
 
-    def _hinges(self) -> Iterator[tuple[int, float]]:
-        """Knees and elbows, counted without the free joint, and the angle (rad) at which each limb is straight."""
-        mujoco = borrowed("mujoco")
-        data = mujoco.MjData(self.model)
+    def _hinges(self) -> Iterator[tuple[int, float, float]]:
+        """Knees and elbows, counted without the free joint; the angle (rad) at which each limb is straight; its sense.
+
+        The sense in which it bends as people's do is that in which a knee takes the ankle back, at rest. What an
+        elbow takes the wrist to says less; where its range allows both, it is the sense of the longer part.
+        """
         for start, hinge, end in ((f"{side}_{part}" for part in limb) for limb in (LEG, ARM) for side in SIDES):
             top, body = (self.tree.names.index(self.joints[name]) for name in (start, hinge))
-            (above, here), (below, there) = self.points.bodies[start], self.points.bodies[end]
             best, found = 1e-6, None
             for joint in self.tree.between(top, body):
                 low, high = self.ranges[joint - 1]
-                far, angles = [], np.linspace(max(low, -math.pi) - 0.5, min(high, math.pi) + 0.5, _ANGLES)
-                for angle in angles:
-                    data.qpos[:] = self.model.qpos0
-                    data.qpos[6 + joint] = angle
-                    mujoco.mj_kinematics(self.model, data)
-                    ends = [
-                        data.xpos[on] + data.xmat[on].reshape(3, 3) @ at for on, at in ((above, here), (below, there))
-                    ]
-                    far.append(float(np.linalg.norm(ends[0] - ends[1])))
-                if max(far) - min(far) > best:
-                    best, found = max(far) - min(far), (joint - 1, float(angles[int(np.argmax(far))]))
+                angles = np.linspace(max(low, -math.pi) - 0.5, min(high, math.pi) + 0.5, _ANGLES)
+                ways = self._ways(joint, angles, start, end)
+                far = np.linalg.norm(ways, axis=1)
+                if far.max() - far.min() > best:
+                    at = int(far.argmax())
+                    beside = (ways[min(at + 1, _ANGLES - 1)] - ways[max(at - 1, 0)]) @ self.points.turn[2]
+                    sense = -beside if end.endswith("ankle") else angles[-1] + angles[0] - 2 * angles[at]
+                    best, found = far.max() - far.min(), (joint - 1, float(angles[at]), float(sense))
             if found is not None:
                 yield found
+
+    def _ways(self, joint: int, angles: Float[np.ndarray, " k"], start: str, end: str) -> Float[np.ndarray, "k 3"]:
+        """From one of our joints to another (m, world) at angles (rad) of a joint, all else at rest."""
+        mujoco = borrowed("mujoco")
+        data, found = mujoco.MjData(self.model), []
+        for angle in angles:
+            data.qpos[6 + joint] = angle
+            mujoco.mj_kinematics(self.model, data)
+            a, b = (
+                data.xpos[on] + data.xmat[on].reshape(3, 3) @ at
+                for on, at in (self.points.bodies[start], self.points.bodies[end])
+            )
+            found.append(b - a)
+        return np.stack(found)
 
     @cached_property
     def rest(self) -> Any:

@@ -6,12 +6,12 @@ The body of a joint is the last that the joint's axes turn: a hip of three axes 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from scenectl.retarget.robots.shapes import corners
 from scenes.errors import UserError, did_you_mean
@@ -108,6 +108,17 @@ class Tree:
         way = self.chain(body)
         way = way[way.index(top) + 1 :] if top in way else way
         return [joint for one in way for joint in self.joints[one]]
+
+    def limbs(self, mapped: Iterable[str]) -> Int[np.ndarray, " nbody"]:
+        """Of each body, the mapped one of its limb: the first below it, or above where none is."""
+        ours = {self.names.index(name) for name in mapped}
+        found, below = np.zeros(len(self.names), int), dict[int, int]()
+        for body in sorted(ours, key=lambda one: len(self.chain(one))):
+            for one in self.chain(body):
+                below.setdefault(one, body)
+        for body in range(1, len(self.names)):
+            found[body] = below.get(body, found[self.parents[body]])
+        return found
 
     def tip(self, body: int, start: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """The far end of a body's shapes, or of the bodies on it where it has none, as seen from `start` (m, world)."""
@@ -233,11 +244,15 @@ def _told(tree: Tree, above: int, end: int) -> str | None:
 
 def _hand(tree: Tree, above: int, end: int) -> int:
     """The last body of an arm before its fingers: the first one, three joints down, that several chains move on."""
+
+    def moves(body: int) -> bool:
+        return any(joints and body in tree.chain(other) for other, joints in enumerate(tree.joints))
+
     for body in tree.chain(end)[len(tree.chain(above)) :]:
-        on = [child for child in range(len(tree.names)) if tree.parents[child] == body]
-        moved = [c for c in on if any(tree.joints[b] for b in range(len(tree.names)) if c in tree.chain(b))]
-        if len(tree.between(above, body)) >= 3 and (len(moved) > 1 or any(_FINGERS.search(tree.names[c].lower()) for c in moved)):
-            return body
+        if len(tree.between(above, body)) >= len(ARM):
+            on = [child for child, parent in enumerate(tree.parents) if parent == body and moves(child)]
+            if len(on) > 1 or any(_FINGERS.search(tree.names[child].lower()) for child in on):
+                return body
     return end
 
 

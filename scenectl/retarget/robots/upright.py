@@ -36,15 +36,18 @@ def upright(
         except UserError as fault:
             faults.append(fault)
             continue
-        hips, shoulders = (
-            np.mean([tree.anchors[tree.between(0, tree.names.index(joints[f"{side}_{part}"]))[-1]] for side in SIDES], 0)
-            for part in ("hip", "shoulder")
-        )
-        trunk = (shoulders - hips) / max(float(np.linalg.norm(shoulders - hips)), 1e-9)
-        if trunk[2] >= _LEANS:
+        trunk = _middle(tree, joints, "shoulder") - _middle(tree, joints, "hip")
+        if trunk[2] >= _LEANS * np.linalg.norm(trunk):
             told = [f"the robot does not stand in its file; it was stood up, {up} of its root up"] if up else []
             return quat, joints, [*doubts, *told]
     raise faults[0] if faults else UserError(f"'{source}' is no humanoid: its shoulders are not over its hips")
+
+
+def _middle(tree: Tree, joints: Mapping[str, str], part: str) -> Float[np.ndarray, "3"]:
+    """Between the last hinges of both hips or shoulders."""
+    ends = [tree.between(0, tree.names.index(joints[f"{side}_{part}"]))[-1] for side in SIDES]
+    middle: np.ndarray = tree.anchors[ends].mean(axis=0)
+    return middle
 
 
 def _turned(model: Any) -> Iterator[tuple[str, Float[np.ndarray, "4"]]]:
