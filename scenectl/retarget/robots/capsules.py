@@ -172,7 +172,9 @@ def _fitted(robot: Humanoid) -> Capsules:
     if not found:
         raise UserError(f"robot file '{robot.source}' has no shapes on its bodies; export it with its meshes")
     bodies, ends, radii = zip(*found, strict=True)
-    return Capsules(model, np.array(bodies), np.array(ends), np.array(radii), min(lowest), robot.tree.limbs(robot.joints.values()))
+    return Capsules(
+        model, np.array(bodies), np.array(ends), np.array(radii), min(lowest), robot.tree.limbs(robot.joints.values())
+    )
 
 
 def _own(model: Any, geom: int) -> tuple[np.ndarray, float] | None:

@@ -64,7 +64,18 @@ class Humanoid:
         self.stated = np.array([name in found.speeds for name in self.names], bool)
         self.speeds: Float[np.ndarray, " n"] = np.array([found.speeds.get(name, speed) for name in self.names])
         self.model.qpos0[3:7], self.joints, doubts = upright(self.model, self.source, joints or {})
-        self.doubts = (*found.doubts, *doubts, *self.points.doubts)
+        self.doubts = (*found.doubts, *doubts, *self.points.doubts, *self._tied())
+
+    def _tied(self) -> Iterator[str]:
+        """What the file ties together and trajectories do not: loops of bodies, joints of limbs that follow others."""
+        model, names = self.model, self.tree.names
+        limbs = {joint for body in self.joints.values() for joint in self.tree.between(0, names.index(body))}
+        tied = model.eq_type == int(borrowed("mujoco").mjtEq.mjEQ_JOINT)
+        ties = [
+            i for i in range(model.neq) if not tied[i] or {int(model.eq_obj1id[i]), int(model.eq_obj2id[i])} & limbs
+        ]
+        if ties:
+            yield f"its file ties joints or bodies together ({len(ties)} equalities); trajectories do not keep them"
 
     @property
     def slides(self) -> Bool[np.ndarray, " n"]:

@@ -224,15 +224,19 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
     left = _left(tree, legs[:2], hips)
     found = {"pelvis": legs[2], "spine3": arms[2]}
     for limb, pair, at in ((LEG, legs, hips), (ARM, arms, shoulders)):
-        order = sorted((0, 1), key=lambda i: -float(at[i] @ left))
-        told = [_told(tree, pair[2], end) for end in pair[:2]]
-        if None not in told and told[0] != told[1]:
-            order = [told.index(side) for side in SIDES]
-        for side, i in zip(SIDES, order, strict=True):
+        for side, i in zip(SIDES, _order(tree, pair, at @ left), strict=True):
             found |= {
                 f"{side}_{part}": body for part, body in zip(limb, _parts(tree, pair[2], pair[i], limb), strict=True)
             }
     return found
+
+
+def _order(tree: Tree, pair: tuple[int, int, int], across: Float[np.ndarray, "2"]) -> list[int]:
+    """Which of two limbs is the left one, then the other: as names tell, or by how far (m) they are to the left."""
+    told = [_told(tree, pair[2], end) for end in pair[:2]]
+    if None not in told and told[0] != told[1]:
+        return [told.index(side) for side in SIDES]
+    return [int(i) for i in np.argsort(-across)]
 
 
 def _told(tree: Tree, above: int, end: int) -> str | None:

@@ -1,0 +1,45 @@
+"""Robots that do not stand in their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenectl.retarget.robots.robot import Robot
+from tests.scenectl.retarget.robots.humanoids import mjcf, person, renamed, saved, walking
+
+HALF = np.sqrt(0.5)
+
+
+@pytest.mark.parametrize("links", [person(), renamed(person())], ids=["named", "nameless"])
+@pytest.mark.parametrize(
+    "quat",
+    [(HALF, 0, -HALF, 0), (HALF, 0, HALF, 0), (0, 1, 0, 0), (HALF, HALF, 0, 0)],
+    ids=["back", "face", "head", "side"],
+)
+def test_whatever_a_robot_lies_on_it_is_stood_up(
+    links: list, quat: tuple[float, float, float, float], tmp_path: Path
+) -> None:
+    stands = Robot(saved(tmp_path, mjcf(links)))
+    lies = Robot(saved(tmp_path, mjcf(links, quat=" ".join(map(str, quat))), "lies.xml"))
+    assert lies.joints == stands.joints and "does not stand in its file" in lies.doubts[-1]
+    assert not any("stand" in doubt for doubt in stands.doubts)
+    for name, place in stands.points.at.items():
+        assert np.allclose(lies.points.at[name], place, atol=1e-9), name
+    assert lies.rest.xpos[lies.model.body(lies.joints["left_ankle"]).id][2] < lies.rest.xpos[1][2] - 0.5
+
+
+def test_one_that_lies_walks_as_one_that_stands(tmp_path: Path) -> None:
+    stands = Robot(saved(tmp_path, mjcf(person())))
+    lies = Robot(saved(tmp_path, mjcf(person(), quat=f"{HALF} 0 {-HALF} 0"), "lies.xml"))
+    motion = walking(0.5)
+    assert np.allclose(lies.retarget(motion).qpos, stands.retarget(motion).qpos, atol=1e-3)
+
+
+def test_a_robot_that_stands_askew_is_left_so(tmp_path: Path) -> None:
+    robot = Robot(saved(tmp_path, mjcf(person(), quat="0.98 0.1 0.15 0.05")))
+    assert not robot.doubts and np.allclose(
+        robot.rest.qpos[4:7] / robot.rest.qpos[3], [0.1 / 0.98, 0.15 / 0.98, 0.05 / 0.98]
+    )
