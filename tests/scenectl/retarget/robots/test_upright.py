@@ -43,3 +43,19 @@ def test_a_robot_that_stands_askew_is_left_so(tmp_path: Path) -> None:
     assert not robot.doubts and np.allclose(
         robot.rest.qpos[4:7] / robot.rest.qpos[3], [0.1 / 0.98, 0.15 / 0.98, 0.05 / 0.98]
     )
+
+
+def test_feet_that_point_down_at_rest_stand_on_their_soles(tmp_path: Path) -> None:
+    bent = 0.6
+    text, sine, cosine = mjcf(person()), np.sin(bent / 2), np.cos(bent / 2)
+    for side in ("left", "right"):
+        name = f'<body name="{side}_ankle_pitch_link"'
+        start = text.index(name)
+        text = text[:start] + text[start:].replace(" >", f' quat="{cosine} 0 {sine} 0">', 1)
+    level, robot = Robot(saved(tmp_path, mjcf(person()))), Robot(saved(tmp_path, text, "pointed.xml"))
+    assert np.allclose(level.points.flats["left"], np.eye(3))
+    for name in ("left_foot", "right_foot", "left_ankle"):
+        assert np.allclose(robot.points.at[name], level.points.at[name], atol=1e-3), name
+    assert robot.points.legs == pytest.approx(level.points.legs, abs=1e-3)
+    trajectory = robot.retarget(walking(0.6))
+    assert trajectory.figures().slide < 0.01 and max(off for off, _ in trajectory.figures().off.values()) < 0.03
