@@ -132,7 +132,7 @@ def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndar
         raise UserError(f"has a {shape.tag} without geometry in {link}; remove it")
     where = link if kind.tag == "mesh" else f"{kind.tag} of {link}"
     if kind.tag == "mesh":
-        vertices, faces = _mesh(kind, where, folder)
+        vertices, faces = mesh_of(kind, where, folder)
     elif kind.tag == "box":
         vertices, faces = solid("box", _sizes(kind, "size", where, 3))
     elif kind.tag == "sphere":
@@ -148,8 +148,12 @@ def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndar
     return placed, np.asarray(faces, dtype=np.int64)
 
 
-def _mesh(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (metres, the link's frame) and triangles of a mesh file, read as it stands but for its scale."""
+def mesh_of(element: Element, where: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (metres, the link's frame) and triangles of a <mesh>'s file, read as it stands but for its scale.
+
+    Raises:
+        UserError: a file that is missing or cannot be read, a scale of 0; the sentence carries on from the file's name.
+    """
     uri = _attribute(element, "filename", where)
     file = mesh_file(uri, folder)
     what = f"names the mesh '{uri}' of {where}, which"

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from scenectl.retarget.robots.capsules import Capsules, capsules_of, carried, poses
+from scenectl.retarget.robots.capsules import NEAR, Capsules, capsules_of, carried, poses
 from scenes.mesh.scale import TO_Y_UP
 from scenes.world.scene import Scene
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from scenectl.retarget.robots.humanoid import Humanoid
 
-MARGIN = 0.005
+MARGIN = NEAR
 """Metres that stay free between capsules and what they avoid: mink's default."""
 REACH = 0.05
 """Metres beyond what gaps should be from which they are limited: at 50 frames a second, nothing slower than 2.5 m/s

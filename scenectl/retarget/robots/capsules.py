@@ -22,6 +22,8 @@ from scenes.motion.frames import transform
 if TYPE_CHECKING:
     from scenectl.retarget.robots.humanoid import Humanoid
 
+NEAR = 0.005
+"""Metres between capsules of what is built to touch: as much as avoidance keeps free (`avoid.MARGIN`)."""
 _SPACING = 1.0
 """Radii between samples of a capsule: at flat surfaces nothing is overlooked, 0.13 radii where a point touches."""
 _FITTED: WeakKeyDictionary[Humanoid, Capsules] = WeakKeyDictionary()
@@ -37,6 +39,7 @@ class Capsules:
         ends: of their segments, in their bodies' frames, metres, ``[C, 2, 3]``.
         radii: metres, ``[C]``.
         sole: height (m) of what the robot stands on, where it stands in its file.
+        limbs: of all bodies of the model, the one that stands for its limb (`Tree.limbs`), ``[nbody]``.
     """
 
     model: Any
@@ -44,6 +47,7 @@ class Capsules:
     ends: Float[np.ndarray, "C 2 3"]
     radii: Float[np.ndarray, " C"]
     sole: float
+    limbs: Int[np.ndarray, " nbody"]
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -54,14 +58,14 @@ class Capsules:
     def pairs(self) -> Int[np.ndarray, "P 2"]:
         """Capsules that shall not meet.
 
-        Left out are those on one body or on bodies that a joint joins, those of bodies that the file excludes from
-        contact, and those that overlap in the pose of the file: these were built that way, or their capsules are too
-        thick there to tell anything. The same pairs are disabled first by MoveIt's setup assistant ("adjacent links"
-        and "in collision by default").
+        Left out are those on one limb or on limbs that a joint joins (a hip's links lie in one another, and so do a
+        hand's), those of bodies that the file excludes from contact, and those nearer than `NEAR` in the pose of the
+        file: these were built that way, or their capsules are too thick there to tell anything. The same pairs are
+        disabled first by MoveIt's setup assistant ("adjacent links" and "in collision by default").
         """
         model = self.model
-        joined = model.body_weldid[self.bodies]
-        above = model.body_weldid[model.body_parentid[joined]]
+        joined = self.limbs[self.bodies]
+        above = self.limbs[model.body_parentid[np.array([self._first(int(limb)) for limb in joined])]]
         excluded = {(int(mark) >> 16, int(mark) & 0xFFFF) for mark in model.exclude_signature}
         first, second = np.triu_indices(len(self.bodies), k=1)
         apart = (joined[first] != joined[second]) & (above[first] != joined[second]) & (above[second] != joined[first])
@@ -71,8 +75,14 @@ class Capsules:
         pairs = np.stack([first[apart], second[apart]], axis=1)
         places = self.placed(*poses(model, model.qpos0[None]))[0]
         gaps = segments_apart(places[pairs[:, 0]], places[pairs[:, 1]])[0] - self.radii[pairs].sum(axis=1)
-        found: np.ndarray = pairs[gaps > 0]
+        found: np.ndarray = pairs[gaps > NEAR]
         return found
+
+    def _first(self, limb: int) -> int:
+        """The first body of a limb: its parent is another's."""
+        while self.limbs[self.model.body_parentid[limb]] == self.limbs[limb] and self.model.body_parentid[limb]:
+            limb = int(self.model.body_parentid[limb])
+        return limb
 
     @cached_property
     def samples(self) -> tuple[Float[np.ndarray, "S 3"], Int[np.ndarray, " S"]]:
@@ -162,7 +172,9 @@ def _fitted(robot: Humanoid) -> Capsules:
     if not found:
         raise UserError(f"robot file '{robot.source}' has no shapes on its bodies; export it with its meshes")
     bodies, ends, radii = zip(*found, strict=True)
-    return Capsules(model, np.array(bodies), np.array(ends), np.array(radii), min(lowest))
+    return Capsules(
+        model, np.array(bodies), np.array(ends), np.array(radii), min(lowest), robot.tree.limbs(robot.joints.values())
+    )
 
 
 def _own(model: Any, geom: int) -> tuple[np.ndarray, float] | None:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from scenectl.retarget.robots.mapping import ARM, LEG, SIDES, Tree, mapped
+from scenectl.retarget.robots.mapping import ARM, LEG, SIDES, Tree
 from scenectl.retarget.robots.points import Points, points_of
 from scenectl.retarget.robots.reading import borrowed, read
+from scenectl.retarget.robots.upright import upright
 
 SPEED = 3 * math.pi
 """Radians a second (metres of slides) where a file states no speed, as MJCF never does: GMR's default for all motors
@@ -23,6 +24,8 @@ MARGIN = 0.005
 _BENT = 0.1
 """Radians that knees and elbows stay bent. Straight limbs cannot say which way to bend, and knees snap: so little costs
 a leg a thousandth of its length."""
+_EITHER = 0.5
+"""Radians on both sides of straight from which a range does not say which way a limb bends."""
 _ANGLES = 181
 """At which a limb's length is looked at, 2 degrees apart."""
 
@@ -60,8 +63,19 @@ class Humanoid:
         self.ranges: Float[np.ndarray, "n 2"] = np.where(limited, self.model.jnt_range[1:], [[-np.inf, np.inf]])
         self.stated = np.array([name in found.speeds for name in self.names], bool)
         self.speeds: Float[np.ndarray, " n"] = np.array([found.speeds.get(name, speed) for name in self.names])
-        self.joints, doubts = mapped(self.tree, self.source, joints or {})
-        self.doubts = (*found.doubts, *doubts)
+        self.model.qpos0[3:7], self.joints, doubts = upright(self.model, self.source, joints or {})
+        self.doubts = (*found.doubts, *doubts, *self.points.doubts, *self._tied())
+
+    def _tied(self) -> Iterator[str]:
+        """What the file ties together and trajectories do not: loops of bodies, joints of limbs that follow others."""
+        model, names = self.model, self.tree.names
+        limbs = {joint for body in self.joints.values() for joint in self.tree.between(0, names.index(body))}
+        tied = model.eq_type == int(borrowed("mujoco").mjtEq.mjEQ_JOINT)
+        ties = [
+            i for i in range(model.neq) if not tied[i] or {int(model.eq_obj1id[i]), int(model.eq_obj2id[i])} & limbs
+        ]
+        if ties:
+            yield f"its file ties joints or bodies together ({len(ties)} equalities); trajectories do not keep them"
 
     @property
     def slides(self) -> Bool[np.ndarray, " n"]:
@@ -84,40 +98,54 @@ class Humanoid:
         low, high = self.ranges.T
         margin = np.minimum(MARGIN, (high - low) / 4)
         low, high = low + margin, high - margin
-        for joint, straight in self._hinges():
+        for joint, straight, way in self._hinges():
             least, most = straight + _BENT, straight - _BENT
-            if high[joint] - straight > straight - low[joint]:
+            up, down = high[joint] - straight, straight - low[joint]
+            if way > 0 if min(up, down) > _EITHER else up > down:
                 low[joint] = min(max(low[joint], least), high[joint])
             else:
                 high[joint] = max(min(high[joint], most), low[joint])
         return np.stack([low, high])
 
-    def _hinges(self) -> Iterator[tuple[int, float]]:
-        """Knees and elbows, counted without the free joint, and the angle (rad) at which each limb is straight."""
-        mujoco = borrowed("mujoco")
-        data = mujoco.MjData(self.model)
+    def _hinges(self) -> Iterator[tuple[int, float, float]]:
+        """Knees and elbows, counted without the free joint; the angle (rad) at which each limb is straight; its sense.
+
+        The sense in which it bends as people's do is that in which a knee takes the ankle back, at rest. What an
+        elbow takes the wrist to says less; where its range allows both, it is the sense of the longer part.
+        """
         for start, hinge, end in ((f"{side}_{part}" for part in limb) for limb in (LEG, ARM) for side in SIDES):
             top, body = (self.tree.names.index(self.joints[name]) for name in (start, hinge))
-            (above, here), (below, there) = self.points.bodies[start], self.points.bodies[end]
-            best = 0.0
+            best, found = 1e-6, None
             for joint in self.tree.between(top, body):
                 low, high = self.ranges[joint - 1]
-                far, angles = [], np.linspace(max(low, -math.pi) - 0.5, min(high, math.pi) + 0.5, _ANGLES)
-                for angle in angles:
-                    data.qpos[:] = self.model.qpos0
-                    data.qpos[6 + joint] = angle
-                    mujoco.mj_kinematics(self.model, data)
-                    ends = [
-                        data.xpos[on] + data.xmat[on].reshape(3, 3) @ at for on, at in ((above, here), (below, there))
-                    ]
-                    far.append(float(np.linalg.norm(ends[0] - ends[1])))
-                if max(far) - min(far) > best:
-                    best, found = max(far) - min(far), (joint - 1, float(angles[int(np.argmax(far))]))
-            yield found
+                angles = np.linspace(max(low, -math.pi) - 0.5, min(high, math.pi) + 0.5, _ANGLES)
+                ways = self._ways(joint, angles, start, end)
+                far = np.linalg.norm(ways, axis=1)
+                if far.max() - far.min() > best:
+                    at = int(far.argmax())
+                    beside = (ways[min(at + 1, _ANGLES - 1)] - ways[max(at - 1, 0)]) @ self.points.turn[2]
+                    sense = -beside if end.endswith("ankle") else angles[-1] + angles[0] - 2 * angles[at]
+                    best, found = far.max() - far.min(), (joint - 1, float(angles[at]), float(sense))
+            if found is not None:
+                yield found
+
+    def _ways(self, joint: int, angles: Float[np.ndarray, " k"], start: str, end: str) -> Float[np.ndarray, "k 3"]:
+        """From one of our joints to another (m, world) at angles (rad) of a joint, all else at rest."""
+        mujoco = borrowed("mujoco")
+        data, found = mujoco.MjData(self.model), []
+        for angle in angles:
+            data.qpos[6 + joint] = angle
+            mujoco.mj_kinematics(self.model, data)
+            a, b = (
+                data.xpos[on] + data.xmat[on].reshape(3, 3) @ at
+                for on, at in (self.points.bodies[start], self.points.bodies[end])
+            )
+            found.append(b - a)
+        return np.stack(found)
 
     @cached_property
     def rest(self) -> Any:
-        """MuJoCo's data of the pose in which the file has it, all joints where the model says; not to be changed."""
+        """MuJoCo's data of the pose in which the file has it, stood up (`upright`); not to be changed."""
         mujoco = borrowed("mujoco")
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)

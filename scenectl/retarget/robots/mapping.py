@@ -6,12 +6,12 @@ The body of a joint is the last that the joint's axes turn: a hip of three axes 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from scenectl.retarget.robots.shapes import corners
 from scenes.errors import UserError, did_you_mean
@@ -25,15 +25,23 @@ NAMES = ("pelvis", "spine3", "head", *LIMBS)
 _WORDS = {
     "hip": ("hip", "thigh", "upleg", "upperleg", "femur"),
     "knee": ("knee", "shin", "calf", "shank", "lowleg", "lowerleg", "tibia"),
-    "ankle": ("ankle", "foot"),
+    "ankle": ("ankle", "foot", "talus", "calcn"),
     "shoulder": ("shoulder", "upperarm", "uparm", "humerus"),
-    "elbow": ("elbow", "forearm", "lowerarm", "lowarm"),
+    "elbow": ("elbow", "forearm", "lowerarm", "lowarm", "ulna", "radius"),
     "wrist": ("wrist", "hand", "palm"),
 }
 _FINGERS = re.compile("finger|thumb|index|middle|ring|pinky|little|gripper")
 _SIDES = {"left": "left", "right": "right", "l": "left", "r": "right"}
+_LIMB = "|".join(["leg", "arm", *(word for words in _WORDS.values() for word in words)])
+_GLUED = re.compile(f"([lr])(?:{_LIMB})s?|(?:{_LIMB})([lr])")
+"""Words with a side before or after them, such as lfemur and legl."""
 _HIGHER = 0.2
 """Share of its legs by which a humanoid's shoulders are over its hips at least; those of a quadruped are level."""
+_SAME = 0.9
+"""Share of a distance from which another is as large: an elbow's joints are at one place, and one of them twists."""
+_HANGS = 0.5
+"""Share of a leg's length by which its foot is under its hip at least: legs in a deep crouch, and no fingers that point
+ahead."""
 
 
 def mapped(tree: Tree, source: str, stated: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
@@ -101,6 +109,17 @@ class Tree:
         way = way[way.index(top) + 1 :] if top in way else way
         return [joint for one in way for joint in self.joints[one]]
 
+    def limbs(self, mapped: Iterable[str]) -> Int[np.ndarray, " nbody"]:
+        """Of each body, the mapped one of its limb: the first below it, or above where none is."""
+        ours = {self.names.index(name) for name in mapped}
+        found, below = np.zeros(len(self.names), int), dict[int, int]()
+        for body in sorted(ours, key=lambda one: len(self.chain(one))):
+            for one in self.chain(body):
+                below.setdefault(one, body)
+        for body in range(1, len(self.names)):
+            found[body] = below.get(body, found[self.parents[body]])
+        return found
+
     def tip(self, body: int, start: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """The far end of a body's shapes, or of the bodies on it where it has none, as seen from `start` (m, world)."""
         points = corners(self.model, self.rest, [body])
@@ -135,7 +154,7 @@ def _by_names(tree: Tree) -> dict[str, int]:
     for body, name in enumerate(tree.names):
         told = [tree.model.joint(joint).name for joint in tree.joints[body]]
         parts = [part for text in (*told, name) if (part := _part(text))]
-        if not parts:
+        if not parts or any(_FINGERS.search("".join(_words(text))) for text in (*told, name)):
             continue
         if told:
             found[parts[0]] = body  # the last of several on a chain
@@ -144,13 +163,23 @@ def _by_names(tree: Tree) -> dict[str, int]:
     return {**fixed, **found}
 
 
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
+
+
+def _side(name: str) -> str | None:
+    """The side that a name tells."""
+    words = _words(name)
+    if side := next((_SIDES[word] for word in words if word in _SIDES), None):
+        return side
+    if glued := next((found for word in words if (found := _GLUED.fullmatch(word))), None):
+        return _SIDES[glued[1] or glued[2]]
+    return next((side for side in SIDES if "".join(words).startswith(side)), None)
+
+
 def _part(name: str) -> str | None:
     """Our joint that a name tells."""
-    words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
-    side = next((_SIDES[word] for word in words if word in _SIDES), None)
-    text = "".join(word for word in words if word not in _SIDES)
-    if side is None:
-        side = next((side for side in SIDES if text.startswith(side)), None)
+    side, text = _side(name), "".join(word for word in _words(name) if word not in _SIDES)
     if side is None or _FINGERS.search(text):
         return None
     return next((f"{side}_{part}" for part, known in _WORDS.items() if any(word in text for word in known)), None)
@@ -182,6 +211,8 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
         )
 
     legs = max(pairs, key=drop)
+    if drop(legs) < _HANGS * length(legs):
+        raise none
     taken = {body for end in legs[:2] for body in tree.chain(end)[len(tree.chain(legs[2])) :]}
     free = [pair for pair in pairs if not taken & {*tree.chain(pair[0]), *tree.chain(pair[1])}]
     if not free:
@@ -193,21 +224,52 @@ def _by_geometry(tree: Tree, source: str) -> dict[str, int]:
     left = _left(tree, legs[:2], hips)
     found = {"pelvis": legs[2], "spine3": arms[2]}
     for limb, pair, at in ((LEG, legs, hips), (ARM, arms, shoulders)):
-        order = sorted((0, 1), key=lambda i: -float(at[i] @ left))
-        for side, i in zip(SIDES, order, strict=True):
+        for side, i in zip(SIDES, _order(tree, pair, at @ left), strict=True):
             found |= {
                 f"{side}_{part}": body for part, body in zip(limb, _parts(tree, pair[2], pair[i], limb), strict=True)
             }
     return found
 
 
+def _order(tree: Tree, pair: tuple[int, int, int], across: Float[np.ndarray, "2"]) -> list[int]:
+    """Which of two limbs is the left one, then the other: as names tell, or by how far (m) they are to the left."""
+    told = [_told(tree, pair[2], end) for end in pair[:2]]
+    if None not in told and told[0] != told[1]:
+        return [told.index(side) for side in SIDES]
+    return [int(i) for i in np.argsort(-across)]
+
+
+def _told(tree: Tree, above: int, end: int) -> str | None:
+    """The side of a limb that the names of its bodies and joints tell."""
+    bodies = tree.chain(end)[len(tree.chain(above)) :]
+    names = [name for b in bodies for name in (tree.names[b], *(tree.model.joint(j).name for j in tree.joints[b]))]
+    return next((side for name in names if (side := _side(name))), None)
+
+
+def _hand(tree: Tree, above: int, end: int) -> int:
+    """The last body of an arm before its fingers: the first one, three joints down, that several chains move on."""
+
+    def moves(body: int) -> bool:
+        return any(joints and body in tree.chain(other) for other, joints in enumerate(tree.joints))
+
+    for body in tree.chain(end)[len(tree.chain(above)) :]:
+        if len(tree.between(above, body)) >= len(ARM):
+            on = [child for child, parent in enumerate(tree.parents) if parent == body and moves(child)]
+            if len(on) > 1 or any(_FINGERS.search(tree.names[child].lower()) for child in on):
+                return body
+    return end
+
+
 def _parts(tree: Tree, above: int, end: int, limb: Sequence[str]) -> list[int]:
-    """Bodies of a limb: its middle joint is the one that is farthest from both of its ends."""
+    """Bodies of a limb: its middle joint is the one that is farthest from both of its ends, and bends it there."""
+    end = end if limb == LEG else _hand(tree, above, end)
     joints = tree.between(above, end)
     places = tree.anchors[joints]
     last = places[-1] if limb == LEG else tree.tip(end, places[-1])
     near = np.minimum(*(np.linalg.norm(places - place, axis=1) for place in (places[0], last)))
-    middle = max(int(near.argmax()), 1)
+    way = (last - places[0]) / max(float(np.linalg.norm(last - places[0])), 1e-9)
+    bends = np.linalg.norm(np.cross(tree.axes[joints], way), axis=1)
+    middle = max(int(np.where(near >= _SAME * near.max(), bends, -1.0).argmax()), 1)
     bodies = tree.model.jnt_bodyid[joints]
     return [int(bodies[middle - 1]), int(bodies[middle]), int(bodies[-1])]
 
@@ -217,8 +279,12 @@ def _left(tree: Tree, feet: Sequence[int], hips: Float[np.ndarray, "2 3"]) -> Fl
     across = (hips[0] - hips[1]) * [1, 1, 0]
     across /= max(float(np.linalg.norm(across)), 1e-9)
     ahead = np.cross(across, [0, 0, 1])
-    point = sum((corners(tree.model, tree.rest, [foot]).mean(axis=0) - tree.anchors[tree.between(0, foot)[-1]]) @ ahead
-                for foot in feet if len(corners(tree.model, tree.rest, [foot])))  # fmt: skip
+    point = 0.0
+    for foot in feet:
+        ankle = tree.between(0, foot)[-1]
+        whole = [b for b in range(len(tree.names)) if tree.model.jnt_bodyid[ankle] in tree.chain(b)]
+        if len(points := corners(tree.model, tree.rest, whole)):
+            point += float((points.mean(axis=0) - tree.anchors[ankle]) @ ahead)
     told = point if abs(point) > 0.01 else ahead[0]
     left: np.ndarray = across if told >= 0 else -across
     return left

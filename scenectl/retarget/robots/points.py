@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from scenectl.retarget.robots.mapping import SIDES, Tree
 from scenectl.retarget.robots.shapes import corners
@@ -16,6 +18,9 @@ WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From our world (y up) to a robot's (z up): (x, y, z) is (x, -z, y); its transpose is `TO_Y_UP["z"]`."""
 _LEVEL = 0.01
 """Metres above the lowest point of a foot up to which its sole is level."""
+_ALIKE, _DOWN, _LARGER = np.radians(5), np.radians(60), 2.0
+"""Angle up to which facets are one flat part, angle to straight down of a sole at most, and how many times as large as
+what is level another part is that is the sole: feet of robots at rest point down by 45 degrees at most."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +33,16 @@ class Points:
         at: {our joint: where it is, ``[3]``}; `left_foot` and `right_foot` are the tips of the soles.
         turn: from the robot's world at rest to that frame, ``[3, 3]``.
         heels: {side: the heel's sole against the ankle, ``[3]``}.
+        flats: {side: from the foot at rest to the foot with a level sole, in the robot's world, ``[3, 3]``}.
+        doubts: one sentence where feet have no shapes.
     """
 
     bodies: dict[str, tuple[int, np.ndarray]]
     at: dict[str, np.ndarray]
     turn: Float[np.ndarray, "3 3"]
     heels: dict[str, np.ndarray]
+    flats: dict[str, np.ndarray]
+    doubts: tuple[str, ...] = ()
 
     def length(self, a: str, b: str) -> float:
         """Metres between two joints at rest."""
@@ -68,20 +77,23 @@ def points_of(tree: Tree, joints: Mapping[str, str], source: str) -> Points:
         put(joint, on, meeting(tree.anchors[moving], tree.axes[moving]) if moving else tree.rest.xpos[body[joint]])
         if part == "wrist" and body[joint] == on:
             put(joint, on, tree.tip(on, world[f"{side}_elbow"]))
-    turn = _facing(world)
+    turn, flats, heels = _facing(world), dict[str, np.ndarray](), dict[str, np.ndarray]()
     for side in SIDES:
-        tip = _sole(tree, body[f"{side}_ankle"], turn, world[f"{side}_ankle"], front=True)
-        put(f"{side}_foot", body[f"{side}_ankle"], tip)
+        foot, ankle = body[f"{side}_ankle"], world[f"{side}_ankle"]
+        points = corners(tree.model, tree.rest, [one for one in range(tree.model.nbody) if foot in tree.chain(one)])
+        flats[side] = flat = _flat(points)
+        tip, heel = _sole((points - ankle) @ flat.T, turn)
+        put(f"{side}_foot", foot, ankle + flat.T @ tip)
+        world[f"{side}_foot"], heels[side] = ankle + tip, turn @ heel
     put("pelvis", body["pelvis"], (world["left_hip"] + world["right_hip"]) / 2)
     put("spine3", body["spine3"], (world["left_shoulder"] + world["right_shoulder"]) / 2)
     if "head" in body:
         place = corners(tree.model, tree.rest, [body["head"]])
         put("head", body["head"], place.mean(axis=0) if len(place) else tree.rest.xipos[body["head"]])
-    heels = {
-        side: turn @ (_sole(tree, body[f"{side}_ankle"], turn, world[f"{side}_ankle"], False) - world[f"{side}_ankle"])
-        for side in SIDES
-    }
-    found = Points(bodies, {joint: turn @ (place - world["pelvis"]) for joint, place in world.items()}, turn, heels)
+    at = {joint: turn @ (place - world["pelvis"]) for joint, place in world.items()}
+    bare = all(np.allclose(at[f"{side}_foot"], at[f"{side}_ankle"]) for side in SIDES)
+    doubts = ("its feet have no shapes; it stands on its ankles, so give the file with shapes",) if bare else ()
+    found = Points(bodies, at, turn, heels, flats, doubts)
     for a, b in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist")):
         if min(found.length(f"{side}_{a}", f"{side}_{b}") for side in SIDES) < 0.01:
             raise UserError(f"'{source}' has no length between {a} and {b}; state other bodies in `joints`")
@@ -108,16 +120,36 @@ def _facing(world: dict[str, np.ndarray]) -> Float[np.ndarray, "3 3"]:
     return np.stack([left, np.array([0.0, 0.0, 1.0]), np.cross(left, [0.0, 0.0, 1.0])])
 
 
-def _sole(
-    tree: Tree, foot: int, turn: np.ndarray, ankle: Float[np.ndarray, "3"], front: bool
-) -> Float[np.ndarray, "3"]:
-    """The foremost or hindmost point of a foot's sole (m, world), in the vertical plane through its ankle."""
-    below = [body for body in range(tree.model.nbody) if foot in tree.chain(body)]
-    points = corners(tree.model, tree.rest, below)
+def _sole(points: Float[np.ndarray, "n 3"], turn: Float[np.ndarray, "3 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """The foremost and the hindmost point of a level sole against its ankle, both ahead of it or behind.
+
+    Args:
+        points: of the foot, against its ankle (m, world).
+        turn: the robot's left, up and ahead.
+    """
     if not len(points):  # a foot without a shape is a point
-        return ankle
+        return np.zeros(3), np.zeros(3)
     sole = points[:, 2].min()
-    ahead = (points[points[:, 2] < sole + _LEVEL] - ankle) @ turn[2]
-    tip: np.ndarray = ankle + turn[2] * (ahead.max() if front else ahead.min())
-    tip[2] = sole
-    return tip
+    ahead = points[points[:, 2] < sole + _LEVEL] @ turn[2]
+    up = np.array([0.0, 0.0, sole])
+    return turn[2] * ahead.max() + up, turn[2] * ahead.min() + up
+
+
+def _flat(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 3"]:
+    """The least rotation that makes a foot's sole level: the largest flat part of its hull that looks down.
+
+    None is needed where the part that is level is nearly as large: flat feet, and round ones.
+    """
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):  # no points, or all in one plane
+        return np.eye(3)
+    normals, (a, b, c) = hull.equations[:, :3], points[hull.simplices].swapaxes(0, 1)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    flat = (normals @ normals.T > np.cos(_ALIKE)) @ areas
+    flat[normals[:, 2] > -np.cos(_DOWN)] = 0
+    level = areas[normals[:, 2] < -np.cos(2 * _ALIKE)].sum()
+    if flat.max() < _LARGER * level:
+        return np.eye(3)
+    turn: np.ndarray = Rotation.align_vectors([[0.0, 0.0, -1.0]], [normals[flat.argmax()]])[0].as_matrix()
+    return turn

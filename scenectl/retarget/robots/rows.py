@@ -53,7 +53,10 @@ def rows_of(robot: Humanoid, targets: Targets) -> Rows:
     costs = [_cost(name, targets) for name in names]
     costs += [np.full(frames, TURNS[name.split("_")[-1]]) for name in turned]
     turns = [
-        targets.turns[name] @ points.turn @ rest.xmat[body].reshape(3, 3)
+        targets.turns[name]
+        @ points.turn
+        @ points.flats.get(name.split("_")[0], np.eye(3))
+        @ rest.xmat[body].reshape(3, 3)
         for name, body in zip(turned, bodies, strict=True)
     ]
     return Rows(

@@ -46,7 +46,7 @@ class Sole:
 
 
 def sole_of(robot: Humanoid, side: str) -> Sole:
-    """The lower side of a foot and of all that hangs on it, as it is at rest; the ankle's point without shapes."""
+    """The lower side of a foot and of all that hangs on it, its sole level; the ankle's point without shapes."""
     model, tree, foot = robot.model, robot.tree, robot.model.body(robot.joints[f"{side}_ankle"]).id
     places, turns = robot.rest.xpos[None], robot.rest.xmat.reshape(1, -1, 3, 3)
     owners, points, frictions = [np.array([foot])], [np.zeros((1, 3))], [1.0]
@@ -58,7 +58,7 @@ def sole_of(robot: Humanoid, side: str) -> Sole:
             points.append(corners)
             frictions.append(float(model.geom_friction[geom, 0]))
     bodies, where = np.concatenate(owners), np.concatenate(points)
-    placed = carried(places, turns, bodies, where)[0]
+    placed = carried(places, turns, bodies, where)[0] @ robot.points.flats[side].T
     low = np.flatnonzero(placed[:, 2] < placed[:, 2].min() + _LEVEL)
     angles = 2 * np.pi * np.arange(_AROUND) / _AROUND + np.pi / _AROUND
     around = np.unique(low[(placed[low, :2] @ np.stack([np.cos(angles), np.sin(angles)])).argmax(axis=0)])

@@ -61,7 +61,7 @@ def resampled(motion: Motion, fps: float) -> Motion:
     """One motion's valid frames at another rate: cubic splines through all joints, bones as long as before.
 
     Raises:
-        UserError: a batch, no valid frame, or another skeleton than our 22 joints.
+        UserError: a batch, no valid frame or one that is not finite, or another skeleton than our 22 joints.
     """
     if motion.joints.ndim != 3:
         raise UserError(f"a robot follows one motion, not {tuple(motion.joints.shape[:-3])}; choose one of them")
@@ -70,6 +70,8 @@ def resampled(motion: Motion, fps: float) -> Motion:
     joints = motion.joints.detach()[motion.valid].double().cpu()
     if len(joints) == 0:
         raise UserError("a motion without a valid frame moves no robot; give another")
+    if not joints.isfinite().all():
+        raise UserError("a motion with NaN or infinite joints in valid frames moves no robot; mark these as not valid")
     times = np.arange(len(joints)) / motion.fps
     if len(times) > 1:
         at = np.minimum(np.arange(int(times[-1] * fps + 1e-6) + 1) / fps, times[-1])

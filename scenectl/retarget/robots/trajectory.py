@@ -92,7 +92,9 @@ class Trajectory:
         beyond = np.maximum(self.robot.ranges[:, 0] - joints, joints - self.robot.ranges[:, 1])
         ends = (joints <= low + _AT) | (joints >= high - _AT)
         ends[1:] |= used >= _FULL
-        shares = dict(zip(self.robot.names, ends.mean(axis=0).tolist(), strict=True))
+        tree = self.robot.tree  # fingers, which nothing moves, rest at their ends
+        ours = {joint for body in self.robot.joints.values() for joint in tree.between(0, tree.names.index(body))}
+        shares = {name: float(ends[:, i].mean()) for i, name in enumerate(self.robot.names) if i + 1 in ours}
         return Figures(
             {name: (float(np.median(far)), float(np.quantile(far, 0.95))) for name, far in off.items()},
             max(slides),

@@ -92,8 +92,13 @@ def renamed(links: Sequence[Link]) -> list[Link]:
     return [replace(link, name=new[link.name], parent=new.get(link.parent, "")) for link in links]
 
 
-def mjcf(links: Sequence[Link], free: bool = True, turn: float = 0.0, extra: str = "", mesh: str = "") -> str:
-    """An MJCF of links; `turn` (rad) turns the robot about z, `extra` stands beside it, `mesh` is on its root."""
+def mjcf(
+    links: Sequence[Link], free: bool = True, turn: float = 0.0, extra: str = "", mesh: str = "", quat: str = ""
+) -> str:
+    """An MJCF of links; `turn` (rad) turns the robot about z, `extra` stands beside it, `mesh` is on its root.
+
+    `quat` turns it as is said there.
+    """
 
     def body(link: Link) -> str:
         joint = "<freejoint/>" if free and not link.parent else ""
@@ -102,7 +107,8 @@ def mjcf(links: Sequence[Link], free: bool = True, turn: float = 0.0, extra: str
         shape = "" if link.parent else mesh
         if link.box is not None:
             shape += f'<geom type="box" pos="{_text(link.box[0])}" size="{_text(link.box[1])}"/>'
-        own = "" if link.parent else f'quat="{math.cos(turn / 2)} 0 0 {math.sin(turn / 2)}"'
+        turned = quat or f"{math.cos(turn / 2)} 0 0 {math.sin(turn / 2)}"
+        own = "" if link.parent else f'quat="{turned}"'
         inside = "".join(body(child) for child in links if child.parent == link.name)
         mass = '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>'
         return f'<body name="{link.name}" pos="{_text(link.offset)}" {own}>{mass}{joint}{shape}{inside}</body>'

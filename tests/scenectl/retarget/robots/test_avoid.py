@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,12 @@ import torch
 from scipy.optimize import minimize
 
 from scenectl.retarget.robots.avoid import REACH, Avoidance, SceneAvoidance, SelfAvoidance, scene_distance
-from scenectl.retarget.robots.capsules import capsules_of, poses, segments_apart
+from scenectl.retarget.robots.capsules import NEAR, capsules_of, poses, segments_apart
 from scenectl.retarget.robots.robot import Robot
 from scenes.mesh.primitives import Box, Plane, Sphere
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene
+from tests.scenectl.retarget.robots.humanoids import mjcf, person, saved
 
 HUMANOID = Path(__file__).with_name("humanoid.xml")
 
@@ -72,7 +74,25 @@ def test_what_may_not_meet_are_pairs_that_are_apart_in_the_file_and_on_no_common
     assert frozenset(("left_shin", "right_shin")) in pairs and frozenset(("left_forearm", "pelvis")) in pairs
     assert frozenset(("left_thigh", "left_shin")) not in pairs and frozenset(("pelvis", "torso")) not in pairs
     places = capsules.placed(*poses(robot.model, robot.model.qpos0[None]))[0]
-    assert (capsules.self_distances(places).distance > 0).all()
+    assert (capsules.self_distances(places).distance > NEAR).all()
+
+
+def test_links_of_one_limb_and_of_the_next_may_meet(tmp_path: Path) -> None:
+    ball = ((0.0, 0.0, 0.0), (0.01, 0.01, 0.01))
+    apart = {"hip_roll_link": (0.0, 0.0, -0.05), "shoulder_roll_link": (0.0, 0.0, -0.05)}
+    links = [
+        replace(
+            link, box=link.box or ball, offset=next((at for end, at in apart.items() if end in link.name), link.offset)
+        )
+        for link in person()
+    ]
+    capsules = capsules_of(Robot(saved(tmp_path, mjcf(links))))
+    pairs = {frozenset((capsules.links[i], capsules.links[j])) for i, j in capsules.pairs}
+    for a, b in (("pelvis", "left_hip_yaw_link"), ("left_hip_pitch_link", "left_knee_link"),
+                 ("torso_link", "left_shoulder_yaw_link"), ("left_hip_pitch_link", "left_hip_yaw_link")):  # fmt: skip
+        assert frozenset((a, b)) not in pairs, (a, b)
+    for a, b in (("left_knee_link", "right_knee_link"), ("left_wrist_link", "pelvis")):
+        assert frozenset((a, b)) in pairs, (a, b)
 
 
 def test_segments_are_as_far_apart_as_minimising_says() -> None:

@@ -74,6 +74,56 @@ def test_hands_heads_and_fingers_are_seen(tmp_path: Path) -> None:
     assert robot.joints == TOLD | {"head": "head_link"}
 
 
+def hand(side: str, on: str) -> list[Link]:
+    """Three fingers of three hinges each, as long as a forearm."""
+    return [
+        Link(f"{side}{finger}{joint}_link", on if joint == 0 else f"{side}{finger}{joint - 1}_link", (0, y, -0.09), X,
+             box=((0, 0, -0.04), (0.01, 0.01, 0.04)))
+        for finger, y in (("a", -0.03), ("b", 0.0), ("c", 0.03)) for joint in range(3)
+    ]  # fmt: skip
+
+
+def test_a_wrist_is_told_from_fingers_without_names(tmp_path: Path) -> None:
+    links = [*person(), *(one for side in ("left", "right") for one in hand(side, f"{side}_wrist_link"))]
+    named, told = (Humanoid(saved(tmp_path, mjcf(some), f"{i}.xml")) for i, some in enumerate((links, renamed(links))))
+    assert named.tree.names.index(named.joints["left_wrist"]) == told.tree.names.index(told.joints["left_wrist"])
+    assert told.points.length("left_elbow", "left_wrist") == pytest.approx(
+        named.points.length("left_elbow", "left_wrist")
+    )
+
+
+def test_what_opens_a_hand_is_no_wrist(tmp_path: Path) -> None:
+    links = [replace(link, name=link.name) for link in person()]
+    links += [Link(f"{side}_hand_finger_link", f"{side}_wrist_link", (0, 0, -0.1), X) for side in ("left", "right")]
+    text = mjcf(links).replace("left_hand_finger_joint", "LHand").replace("right_hand_finger_joint", "RHand")
+    assert Humanoid(saved(tmp_path, text)).joints == TOLD
+
+
+@pytest.mark.parametrize("style", ["before", "after"])
+def test_sides_stick_to_words(style: str, tmp_path: Path) -> None:
+    words = {"hip_yaw": "femur", "knee": "tibia", "ankle_roll": "foot", "shoulder_yaw": "humerus", "elbow": "radius",
+             "wrist": "hand"}  # fmt: skip
+    names = {}
+    for link in person():
+        side, _, part = link.name.removesuffix("_link").partition("_")
+        if side in ("left", "right"):
+            word = words.get(part, f"part{len(names)}")
+            names[link.name] = f"{side[0]}{word}" if style == "before" else f"{word}{side[0]}"
+    links = [replace(link, name=names.get(link.name, link.name), parent=names.get(link.parent, link.parent))
+             for link in person()]  # fmt: skip
+    robot = Humanoid(saved(tmp_path, mjcf(links)))
+    assert robot.joints == {joint: names.get(body, body) for joint, body in TOLD.items()} and not robot.doubts
+
+
+def test_knees_of_any_range_bend_ahead(tmp_path: Path) -> None:
+    links = [replace(link, range=(-3.0, 3.0)) if "knee" in link.name else link for link in person()]
+    flipped = [replace(link, axis=(0, -1, 0)) if link.name == "left_knee_link" else link for link in links]
+    for number, some in enumerate((links, flipped)):
+        robot = Humanoid(saved(tmp_path, mjcf(some), f"{number}.xml"))
+        low, high = robot.bounds[:, robot.names.index("left_knee_joint")]
+        assert (low > 0) == (number == 0) and (high < 0) == (number == 1)
+
+
 def test_a_forearm_without_a_hand_ends_in_the_wrist(tmp_path: Path) -> None:
     links = [link for link in person() if "wrist" not in link.name]
     forearms = ((0, 0, -0.13), (0.03, 0.03, 0.14))
@@ -128,6 +178,11 @@ def test_what_is_no_humanoid_is_refused(tmp_path: Path) -> None:
         [link for link in person() if "left_" not in link.name],
         [link for link in person() if not any(part in link.name for part in ("shoulder", "elbow", "wrist"))],
         [Link("ball", "", box=((0, 0, 0), (1, 1, 1)))],
+        [Link("palm", "", box=((0, 0, 0), (0.05, 0.05, 0.02))), *(
+            Link(f"f{finger}{joint}_link", "palm" if joint == 0 else f"f{finger}{joint - 1}_link",
+                 (0.05, 0.02 * finger, 0.0), Y, box=((0.02, 0, 0), (0.02, 0.005, 0.005)))
+            for finger in range(5) for joint in range(4)
+        )],
     )):  # fmt: skip
         with pytest.raises(UserError, match="no humanoid"):
             Humanoid(saved(tmp_path, mjcf(links), f"{number}.xml"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,55 @@ def test_meshes_that_are_missing_hinder_nothing(tmp_path: Path) -> None:
         assert not robot.doubts and robot.model.nmesh == 1
 
 
+def test_what_names_a_floor_that_is_left_out_is_left_out_too(tmp_path: Path) -> None:
+    floor = '<geom name="floor" type="plane" size="5 5 0.1"/>'
+    more = (
+        '<contact><pair geom1="floor" geom2="sole"/></contact>'
+        '<sensor><framepos objtype="geom" objname="floor"/><jointpos joint="left_knee_joint"/></sensor></mujoco>'
+    )
+    text = mjcf(person(), extra=floor).replace('<geom type="box"', '<geom name="sole" type="box"', 1)
+    assert Robot(saved(tmp_path, text.replace("</mujoco>", more))).names == Robot(saved(tmp_path, mjcf(person()))).names
+
+
+@pytest.mark.parametrize("ending", ["stl", "dae", "glb"])
+def test_meshes_that_mujoco_cannot_read_are_read_by_us(ending: str, tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(radius=0.1)
+    data = trimesh.exchange.stl.export_stl_ascii(ball) if ending == "stl" else ball.export(file_type=ending)
+    (tmp_path / f"shell.{ending}").write_bytes(data.encode() if isinstance(data, str) else data)
+    robot = Robot(saved(tmp_path, urdf(person(), mesh=f"shell.{ending}"), "small.urdf"))
+    assert not robot.doubts and robot.model.nmesh == 1
+    assert np.abs(robot.model.mesh_vert).max() == pytest.approx(0.1, abs=0.01)
+
+
+def test_urdfs_as_they_are_found(tmp_path: Path) -> None:
+    plain = Robot(saved(tmp_path, urdf(person()), "plain.urdf"))
+    text = urdf(person())
+    text = text.replace('ixx="0.01" iyy="0.01" izz="0.01"', 'ixx="0" iyy="0.01" izz="0.01"', 2)
+    text = text.replace(
+        "<collision>", '<collision><geometry><sphere radius="0.0"/></geometry></collision><collision>', 2
+    )
+    text = text.replace("<origin xyz=", '<origin rpy="0, 0 0" xyz=', 3)
+    found = Robot(saved(tmp_path, text, "found.urdf"))
+    assert found.names == plain.names and found.points.legs == pytest.approx(plain.points.legs)
+
+
+def test_flat_meshes_and_bodies_without_names(tmp_path: Path) -> None:
+    trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0]], [[0, 1, 2], [1, 3, 2]]).export(
+        tmp_path / "shell.stl"
+    )
+    shell = '<geom type="mesh" mesh="shell" contype="0" conaffinity="0"/>'
+    assert Robot(saved(tmp_path, mjcf(person(), mesh=shell))).model.nmesh == 1
+    nameless = Robot(saved(tmp_path, mjcf(person()).replace('name="pelvis"', "").replace('name="waist_yaw_joint"', "")))
+    assert nameless.joints["pelvis"] == nameless.root != "" and all(nameless.names)
+
+
+def test_what_is_tied_and_what_has_no_feet_is_told(tmp_path: Path) -> None:
+    tie = '<equality><joint joint1="left_knee_joint" joint2="left_ankle_pitch_joint"/></equality></mujoco>'
+    assert "ties joints" in Robot(saved(tmp_path, mjcf(person()).replace("</mujoco>", tie))).doubts[0]
+    bare = [replace(link, box=None) if "ankle" in link.name else link for link in person()]
+    assert "feet have no shapes" in Robot(saved(tmp_path, mjcf(bare))).doubts[0]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -68,6 +118,7 @@ def test_meshes_that_are_missing_hinder_nothing(tmp_path: Path) -> None:
         ("<sdf/>", "has the root <sdf>"),
         ('<!DOCTYPE x [<!ENTITY a "b">]><mujoco/>', "DOCTYPE"),
         (mjcf(person()).replace('axis="0.0 0.0 1.0"', 'type="ball"', 1), "is not|ball joint|MuJoCo"),
+        (urdf(person()).replace('lower="-', 'lower="${-pi', 1), "xacro"),
         ("<robot name='x'/>", "cannot be read by MuJoCo|has no bodies"),
     ],
 )

@@ -162,6 +162,10 @@ def test_what_cannot_be_followed_is_said() -> None:
     motion = dancing(0)
     with pytest.raises(UserError, match="without a valid frame"):
         robot().retarget(replace(motion, valid=torch.zeros(40, dtype=torch.bool)))
+    joints = motion.joints.clone()
+    joints[5, 3] = math.inf
+    with pytest.raises(UserError, match="NaN or infinite"):
+        robot().retarget(replace(motion, joints=joints))
     with pytest.raises(UserError, match="frames a second"):
         robot().retarget(motion, math.nan)
     with pytest.raises(UserError, match="22 joints"):
