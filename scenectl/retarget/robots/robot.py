@@ -48,5 +48,5 @@ class Robot(Humanoid):
         if motion.joints.ndim == 4:
             return [self.retarget(motion[i], fps, scene, tasks, limits) for i in range(len(motion.joints))]
         wanted = targets(resampled(motion, fps), self.points)
-        qpos = clear(lambda avoid: solved(self, wanted, tasks, limits, avoid), self, fps, scene, motion.t0)
+        qpos = clear(lambda *avoid: solved(self, wanted, tasks, limits, *avoid), self, fps, scene, motion.t0)
         return Trajectory(self, qpos, fps, wanted.source, wanted.plants, motion.t0)
