@@ -1,7 +1,8 @@
 """Inverse kinematics: a robot's free joint and joints, frame by frame, so that it follows its targets.
 
 Each frame is a few steps of Gauss and Newton, quadratic programs that mink builds and DAQP solves, from where the frame
-before ended or the pass before had it. Ranges and speeds of joints bound every step: a frame lies within what the one before can reach.
+before ended or the pass before had it. Ranges and speeds of joints bound every step: a frame lies within what the one
+before can reach.
 """
 
 from __future__ import annotations
