@@ -24,7 +24,7 @@ def robots(
         list[Path] | None, typer.Option("--scan", metavar="FILE", help="Make walks in this scan, too; repeatable.")
     ] = None,
     walks: Annotated[int, typer.Option(min=1, help="Walks in all scans.")] = 10,
-    samples: Annotated[int, typer.Option(min=1, help="Motions for each walk; the best is followed.")] = 4,
+    samples: Annotated[int, typer.Option(min=1, help="Motions for each walk; the best is followed.")] = 1,
     fps: Annotated[float, typer.Option(help="Frames a second of the trajectories.")] = 50.0,
     seed: Seed = 0,
     weights: Weights = "default",
@@ -52,6 +52,6 @@ def robots(
         result = alone(lambda engine: bench(None, engine), json_file)
     columns = (
         "name", "frames", "ankle_m", "wrist_m", "slide_m", "sole_m", "speed", "within", "itself_m", "scene_m",
-        "generate_s", "seconds",
+        "generate_s", "seconds", "cpu_s",
     )  # fmt: skip
     shown(result, json_file, columns)
