@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -93,16 +93,18 @@ def bench_robots(
         motion = load_motion(path)
         several = motion.joints.ndim == 4
         cases += [(f"{path} {i}", motion[i]) for i in range(len(motion.joints))] if several else [(str(path), motion)]
-    numbered: list[tuple[str, Any]] = [(name, (name, motion)) for name, motion in cases]
-    settings = {"bench": "robots", "robot": robot.source, "joints": robot.joints, "split": split, "fps": fps}
-
-    def measured(case: tuple[Any, ...]) -> list[Row]:
-        return [_followed(robot, *case, fps) if len(case) == 2 else _walked(robot, walks, *case, fps)]
-
+    made = [(name, partial(_followed, robot, name, motion, fps)) for name, motion in cases]
+    settings: dict[str, object] = {
+        "bench": "robots",
+        "robot": robot.source,
+        "joints": robot.joints,
+        "split": split,
+        "fps": fps,
+    }
     if walks is not None:
         settings |= {"scans": walks.scans, "walks": walks.count, "seed": walks.seed, "samples": walks.samples}
-        numbered += walks.cases(robot)
-    return engine.run(numbered, measured, _summary, settings)
+        made += [(name, partial(_walked, robot, walks, *walk, fps)) for name, walk in walks.cases(robot)]
+    return engine.run(made, lambda case: [case()], _summary, settings)
 
 
 def _followed(robot: Robot, name: str, motion: Motion, fps: float) -> Row:
