@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.options import MotionFile, motion_read
+from scenectl.console.options import MotionFile, SceneFile, motion_read, scene_of
 from scenectl.console.results import show_exported
 from scenes.errors import UserError
-
-if TYPE_CHECKING:
-    from scenes.world.scene import Scene
 
 _FOREIGN = "Of MOTION, where its file does not say"
 
@@ -23,9 +20,7 @@ def export(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help=".bvh, .glb, .vrm, .usd, .usda, .usdc, .csv or .npz.")
     ],
-    room: Annotated[
-        str | None, typer.Argument(metavar="[SCENE]", help="The scene's file, where it is not a result's own.")
-    ] = None,
+    room: SceneFile = None,
     sample: Annotated[int | None, typer.Option(min=0, help="Which motion of a result; the best by default.")] = None,
     every: Annotated[bool, typer.Option("--all", help="All motions: in one file where the format holds them.")] = False,
     fps: Annotated[float | None, typer.Option(help="Frames a second of FILE; the motion's by default.")] = None,
@@ -68,20 +63,8 @@ def export(
     check(settings, output)
     made = motion_read(motion, from_fps, from_unit, from_up)
     made = made if every else one_of(made, sample or 0, motion)
-    room_of = _scene(motion, room) if scene or room is not None else None
+    room_of = scene_of(motion, room) if scene or room is not None else None
     show_exported(write(made, output, settings, scene=room_of))
-
-
-def _scene(motion: Path, room: str | None) -> Scene:
-    """The scene in a file, or that of a result's report."""
-    from scenectl.pipeline.results import load_result, task_of
-    from scenes.world.named import named_scene
-
-    if room is not None:
-        return named_scene(room)
-    if not (motion / "report.json").is_file():
-        raise UserError(f"'{motion}' is no result whose report tells of a scene; give its file, as in --scene room.glb")
-    return task_of(load_result(motion)[1]).load_scene()
 
 
 def _mapping(path: Path) -> dict[str, str]:

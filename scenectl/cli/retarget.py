@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import doubt, err, out, table
-from scenectl.console.options import MotionFile, motion_read
+from scenectl.console.options import MotionFile, SceneFile, motion_read, scene_of
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
-    from scenectl.retarget.robots.humanoid import Humanoid
+    from scenectl.retarget.robots.robot import Robot
     from scenectl.retarget.robots.trajectory import Trajectory
+    from scenes.motion.motion import Motion
     from scenes.world.scene import Scene
 
 _FOREIGN = "Of MOTION, where its file does not say"
@@ -23,10 +24,14 @@ _FOREIGN = "Of MOTION, where its file does not say"
 def retarget(
     motion: MotionFile,
     robot: Annotated[Path, typer.Option(metavar="FILE", help="A humanoid robot: MJCF (.xml) or URDF.")],
+    room: SceneFile = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help=".csv or .npz; nothing is written without.")
     ] = None,
-    sample: Annotated[int, typer.Option(min=0, help="Which motion of a result; the best by default.")] = 0,
+    sample: Annotated[int | None, typer.Option(min=0, help="Which motion of a result; the best by default.")] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="All motions of a result: files of each, NAME_0 and so on.")
+    ] = False,
     fps: Annotated[float, typer.Option(help="Frames a second of the trajectory.")] = 50.0,
     layout: Annotated[
         str, typer.Option(help="Of FILE: named; lafan1 (.csv); gmr, mjlab or isaaclab (.npz).")
@@ -38,9 +43,13 @@ def retarget(
     speed: Annotated[
         float | None, typer.Option(help="Largest speed of joints (rad/s) whose file states none; 3 pi by default.")
     ] = None,
+    torques: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML: joint = N m, for the report; the robot's file otherwise.")
+    ] = None,
     scene: Annotated[
-        bool, typer.Option(help="Stay out of the scene that MOTION was made in, where it is a result's folder.")
-    ] = True,
+        bool | None,
+        typer.Option(help="Stay out of SCENE, or else of that of the result's report; by default where there is one."),
+    ] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the feasibility report as JSON.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the robot in its scene.")] = None,
     gif: Annotated[Path | None, typer.Option(help="Animate the robot in its scene.")] = None,
@@ -50,32 +59,58 @@ def retarget(
 ) -> None:
     """Make a humanoid robot follow a motion, within the ranges and speeds of its joints."""
     with importing():
-        from scenectl.console.feasibility import show_feasibility
-        from scenectl.retarget.robots.feasibility import feasibility
-        from scenectl.retarget.robots.files import check, write
+        from scenectl.data.formats.motions import one_of
+        from scenectl.retarget.robots.dynamics import torques_of
+        from scenectl.retarget.robots.files import check
         from scenectl.retarget.robots.humanoid import SPEED
         from scenectl.retarget.robots.robot import Robot
-        from scenes.files import read_toml
 
     if output is not None:
         check(output, layout)
-    mapping = None if joints is None else read_toml(joints, "joint mapping")
-    if mapping is not None and not all(isinstance(name, str) for name in mapping.values()):
-        raise UserError(f"joint mapping '{joints}' is no table of names; write lines such as left_knee = \"shin_l\"")
-    machine = Robot(robot, mapping, SPEED if speed is None else speed)
+    if every and sample is not None:
+        raise UserError("--all and --sample exclude each other; leave one out")
+    if room is not None and scene is False:
+        raise UserError(f"--no-scene leaves out '{room}'; leave one of them out")
+    around = scene_of(motion, room) if scene or room or (scene is None and _is_result(motion)) else None
+    machine = Robot(robot, _table(joints, _MAPPING), SPEED if speed is None else speed)
     doubt(machine.doubts)
+    limits = _table(torques, _TORQUES) or {}
+    torques_of(machine, limits)
     made = motion_read(motion, from_fps, from_unit, from_up)
-    if made.joints.ndim == 4:
-        if sample >= len(made.joints):
-            raise UserError(f"--sample {sample}: '{motion}' holds {len(made.joints)} motions, counted from 0")
-        made = made[sample]
-    elif sample:
-        raise UserError(f"--sample {sample}: '{motion}' holds one motion")
+    several = every and made.joints.ndim == 4 and len(made.joints) > 1
+    chosen = list(range(len(made.joints))) if several else [sample or 0]
+    motions = [one_of(made, index, motion) for index in chosen]
     _show_robot(machine)
-    around = _scene_of(motion) if scene else None
+    for index, one in zip(chosen, motions, strict=True):
+        if several:
+            out.print(f"motion {index}")
+        files = [
+            file if file is None or not several else file.with_stem(f"{file.stem}_{index}")
+            for file in (output, report, png, gif)
+        ]
+        _followed(machine, one, fps, around, limits, layout, *files)
+
+
+def _followed(
+    machine: Robot,
+    motion: Motion,
+    fps: float,
+    around: Scene | None,
+    torques: dict[str, Any],
+    layout: str,
+    output: Path | None,
+    report: Path | None,
+    png: Path | None,
+    gif: Path | None,
+) -> None:
+    """Make a robot follow one motion, and tell, write and draw it."""
+    from scenectl.console.feasibility import show_feasibility
+    from scenectl.retarget.robots.feasibility import feasibility
+    from scenectl.retarget.robots.files import write
+
     with err.status("retargeting"):
-        trajectory = machine.retarget(made, fps, around)
-        found = feasibility(trajectory, around)
+        trajectory = machine.retarget(motion, fps, around)
+        found = feasibility(trajectory, around, torques)
     _show(trajectory)
     show_feasibility(found)
     if report is not None:
@@ -87,14 +122,23 @@ def retarget(
         out.print(f"wrote {output}")
 
 
-def _scene_of(motion: Path) -> Scene | None:
-    """The scene that a result was made in; None for a motion alone."""
-    if not (motion / "report.json").is_file():
-        return None
-    from scenectl.pipeline.results import load_result
-    from scenectl.tasks.task import Task
+_MAPPING = "joint mapping", str, 'left_knee = "shin_l"'
+_TORQUES = "torque file", (int, float), "left_knee_joint = 139"
 
-    return Task(**load_result(motion)[1]["task"]).load_scene()
+
+def _table(path: Path | None, what: tuple[str, Any, str]) -> dict[str, Any] | None:
+    """A TOML file that has one kind of value; raises UserError for others."""
+    from scenes.files import read_toml
+
+    name, kind, example = what
+    table = None if path is None else read_toml(path, name)
+    if table is not None and not all(isinstance(value, kind) for value in table.values()):
+        raise UserError(f"{name} '{path}' has other values than it should; write lines such as {example}")
+    return table
+
+
+def _is_result(motion: Path) -> bool:
+    return (motion / "report.json").is_file()
 
 
 def _draw(trajectory: Trajectory, scene: Scene | None, png: Path | None, gif: Path | None) -> None:
@@ -112,7 +156,7 @@ def _draw(trajectory: Trajectory, scene: Scene | None, png: Path | None, gif: Pa
             out.print(f"wrote {path}")
 
 
-def _show_robot(robot: Humanoid) -> None:
+def _show_robot(robot: Robot) -> None:
     """Which body moves as which of our joints."""
     lines = table("our joint", "body")
     for joint, body in robot.joints.items():
@@ -121,6 +165,7 @@ def _show_robot(robot: Humanoid) -> None:
     states = f"{robot.stated.sum()} of {len(robot.names)} speeds stated by the file"
     assumed = "" if robot.stated.all() else f", {robot.speeds[~robot.stated].max():.2f} rad/s assumed for the others"
     out.print(f"{robot.name}: {len(robot.names)} joints, legs of {robot.points.legs:.2f} m; {states}{assumed}")
+    out.print(f"motions of body = {{ height = {robot.stature:.2f} }} are of its size; it follows others scaled")
 
 
 def _show(trajectory: Trajectory) -> None:

@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scenes.errors import UserError
+
 if TYPE_CHECKING:
     from scenes.motion.motion import Motion
+    from scenes.world.scene import Scene
 
 TaskFile = Annotated[Path, typer.Argument(metavar="TASK", help="A task file (TOML).")]
 MotionFile = Annotated[
     Path, typer.Argument(metavar="MOTION", help="A result's folder, or joints or features: .npz, .npy or .bvh.")
+]
+SceneFile = Annotated[
+    str | None, typer.Argument(metavar="[SCENE]", help="The scene's file, where it is not a result's own.")
 ]
 Fps = Annotated[float | None, typer.Option(help="Frames a second of the motion, where its file does not say.")]
 Unit = Annotated[str | None, typer.Option(help="Of the file: m, cm, mm, in or ft.")]
@@ -50,6 +56,18 @@ def motion_read(path: Path, fps: float | None, unit: str | None, up: str | None)
     note(reading.notes)
     doubt(reading.doubts)
     return reading.motion
+
+
+def scene_of(motion: Path, room: str | None) -> Scene:
+    """The scene in a file or of a name, or else that of a result's report; raises UserError where there is none."""
+    from scenectl.pipeline.results import load_result, task_of
+    from scenes.world.named import named_scene
+
+    if room is not None:
+        return named_scene(room)
+    if not (motion / "report.json").is_file():
+        raise UserError(f"'{motion}' is no result whose report tells of a scene; give its file, as in --scene room.glb")
+    return task_of(load_result(motion)[1]).load_scene()
 
 
 def allow(path: Path | None) -> None:

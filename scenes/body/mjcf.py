@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scenes.body.rig import Part, Rig
-from scenes.body.solids import Solid, solid, uncovered
+from scenes.body.solids import Solid, sentences, solid, uncovered
 from scenes.body.urdf import Y_UP, read_urdf
 from scenes.errors import UserError, clipped
 from scenes.files import MOST_TEXT, readable
@@ -96,11 +96,11 @@ def rig_of(model: Any, name: str, source: str) -> Rig:
         parts.append(Part.of(link, frame, *joined(solids)))
         if seen and collides:
             shown = [(geom_name(model, geom), geom_solid(model, geom)) for geom in seen]
-            doubts.append(uncovered(f"link '{link}'", shown, solids))
+            doubts.append(uncovered(link, shown, solids))
     if not parts:
         raise UserError("has no shapes on its bodies; export it with its meshes")
     above = tuple(int(parent) - 1 for parent in model.body_parentid[1:])
-    return Rig(name, source, links, above, frames, tuple(parts), tuple(filter(None, doubts)))
+    return Rig(name, source, links, above, frames, tuple(parts), sentences(doubts))
 
 
 def geoms_of(model: Any, body: int) -> tuple[list[int], list[int]]:

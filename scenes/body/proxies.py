@@ -307,7 +307,10 @@ def load_body(path: str | Path) -> ProxyBody:
     """
     found = Proxies.load(path)
     if found.body is None:
-        raise UserError(f"body file '{path}' holds a robot or creature without our 22 joints, so no motion moves it")
+        raise UserError(
+            f"body file '{path}' holds a robot or creature without our 22 joints, on which no motion is made; "
+            "'scenectl retarget' moves robots"
+        )
     check_size(found.body, f"body file '{path}'")
     return found.body
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,28 +46,59 @@ def solid(kind: str, sizes: Sequence[float]) -> Solid:
     return np.asarray(found.vertices - found.bounds.mean(axis=0)), np.asarray(found.faces, dtype=np.int64)
 
 
-def uncovered(where: str, shown: Sequence[tuple[str, Solid]], collides: Sequence[Solid]) -> str:
-    """A sentence on visual shapes, by name, that reach beyond the collision shapes of their link; "" where none does.
+@dataclass(frozen=True)
+class Uncovered:
+    """Visual shapes of a link that reach beyond its collision shapes.
+
+    Attributes:
+        what: these shapes, as a sentence names them.
+        link: whose.
+        reach: how far the farthest does, metres.
+        at: where that is in the link's frame, metres.
+    """
+
+    what: str
+    link: str
+    reach: float
+    at: tuple[float, ...]
+
+
+def uncovered(link: str, shown: Sequence[tuple[str, Solid]], collides: Sequence[Solid]) -> Uncovered | str | None:
+    """Visual shapes, by name, that reach beyond the collision shapes of their link; a sentence where nobody can tell.
 
     Args:
-        where: the link, as the sentence names it.
+        link: its name.
         shown, collides: one or more shapes that are seen and that collide, in the link's frame.
     """
     try:
         surface = Surface.of(Mesh(*joined(collides)))
         reaches = [_beyond(surface, *seen) for _, seen in shown]
     except UserError as error:  # nobody needs what is only seen
-        return f"visual shapes of {where} were not compared with its collision shapes: the file {error}"
+        return f"visual shapes of link '{link}' were not compared with its collision shapes: the file {error}"
     out = [index for index, (reach, _) in enumerate(reaches) if reach > _APART]
     if not out:
-        return ""
+        return None
     names = ", ".join(shown[index][0] for index in out)
     reach, at = max((reaches[index] for index in out), key=lambda found: found[0])
-    return (
-        f"{len(out)} of {len(shown)} visual shapes of {where} ({names}) reach up to {reach:.2f} m beyond its "
-        f"collision shapes, farthest at ({', '.join(f'{x:.2f}' for x in at)}) m in the link's frame; capsules leave "
-        "that out, so add collision shapes there if it can be touched"
+    what = f"{len(out)} of {len(shown)} visual shapes of link '{link}' ({names})"
+    return Uncovered(what, link, reach, tuple(at.tolist()))
+
+
+def sentences(found: Iterable[Uncovered | str | None]) -> tuple[str, ...]:
+    """What `uncovered` found of all links of a robot; links of which several reach out share a sentence."""
+    found = [one for one in found if one]
+    others, out = [one for one in found if isinstance(one, str)], [one for one in found if isinstance(one, Uncovered)]
+    if not out:
+        return tuple(others)
+    worst = max(out, key=lambda one: one.reach)
+    place = f"({', '.join(f'{x:.2f}' for x in worst.at)}) m in the link's frame"
+    rest = [f"'{one.link}' {one.reach:.2f} m" for one in out if one is not worst]
+    more = f", and those of {', '.join(rest)}" if rest else ""
+    told = (
+        f"{worst.what} reach up to {worst.reach:.2f} m beyond its collision shapes, farthest at {place}{more}; "
+        "capsules leave that out, so add collision shapes there if it can be touched"
     )
+    return (*others, told)
 
 
 def _beyond(surface: Surface, vertices: np.ndarray, faces: np.ndarray) -> tuple[float, np.ndarray]:

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from scenes.body.rig import Part, Rig
-from scenes.body.solids import solid, uncovered
+from scenes.body.solids import Uncovered, sentences, solid, uncovered
 from scenes.errors import UserError, did_you_mean, shown
 from scenes.files import MOST_TEXT, readable, unreadable
 from scenes.mesh.collada import read_collada
@@ -72,13 +72,13 @@ def _rig(path: Path) -> Rig:
         frames[link] = (Y_UP if parents[link] < 0 else frames[parents[link]]) @ origins[link]
     elements = robot.findall("link")
     parts = [part for link in order if (part := _part(elements[link], frames[link], path.parent)) is not None]
-    doubts = [doubt for link in order if (doubt := _uncovered(elements[link], path.parent))]
+    doubts = sentences(_uncovered(elements[link], path.parent) for link in order)
     if not parts:
         raise UserError("has no collision or visual shapes; export it with its meshes")
     new = {old: index for index, old in enumerate(order)}
     above = tuple(new.get(parents[link], -1) for link in order)
     name = robot.get("name") or path.stem
-    return Rig(name, str(path), tuple(links[link] for link in order), above, frames[order], tuple(parts), tuple(doubts))
+    return Rig(name, str(path), tuple(links[link] for link in order), above, frames[order], tuple(parts), doubts)
 
 
 def xml_of(data: bytes) -> Element:
@@ -110,18 +110,18 @@ def _part(link: Element, frame: np.ndarray, folder: Path) -> Part | None:
     return Part.of(str(link.get("name")), frame, *joined(solids))
 
 
-def _uncovered(link: Element, folder: Path) -> str:
-    """A sentence on visual shapes that reach beyond the collision shapes of their link; "" where none does."""
+def _uncovered(link: Element, folder: Path) -> Uncovered | str | None:
+    """Visual shapes that reach beyond the collision shapes of their link."""
     seen, where = link.findall("visual"), f"link '{link.get('name')}'"
     if not seen or not link.findall("collision"):
-        return ""
+        return None
     try:
         collides = [_solid(shape, where, folder) for shape in link.findall("collision")]
         shown = [_solid(shape, where, folder) for shape in seen]
     except UserError as error:  # nobody needs what is only seen
         return f"visual shapes of {where} were not compared with its collision shapes: the file {error}"
     names = [shape.get("name") or f"{shape.find('geometry')[0].tag} {k + 1}" for k, shape in enumerate(seen)]  # type: ignore[index]
-    return uncovered(where, list(zip(names, shown, strict=True)), collides)
+    return uncovered(str(link.get("name")), list(zip(names, shown, strict=True)), collides)
 
 
 def _solid(shape: Element, link: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
-from scenectl.tasks.schema import Spot, Start, Walk
+from scenectl.tasks.schema import BodySpec, Spot, Start, Walk
 from scenectl.tasks.setup import STANDING
 from scenectl.tasks.task import Task
 from scenes.body.body import DEFAULT_BODY
@@ -37,6 +37,8 @@ REACHED = 0.10
 DEEP = 0.02
 """A frame is clean when nothing is deeper than this (m), in obstacles or the floor."""
 SHORTEST_PATH, LONGEST_PATH = 1.0, 4.0
+RADIUS = 0.35
+"""Clearance (m) of starts, targets and paths."""
 FALLBACK = ("living_room", "pillars", "corridor")
 """Bundled scenes to walk in where no mesh is named."""
 LOW = {"corridor": (1.4, "a person walks forward and ducks")}
@@ -79,7 +81,7 @@ def bench_rooms(
     tasks: int = 50,
     seed: int = 0,
     samples: int = 4,
-    radius: float = 0.35,
+    radius: float = RADIUS,
     solver: SolverSettings | None = None,
     facings: Sequence[str] = (),
     stop: bool = True,
@@ -110,9 +112,9 @@ def bench_rooms(
 
     def cases() -> Iterator[tuple[str, tuple[Room, int, Task]]]:
         for mesh, facing in product(meshes or FALLBACK, facings or FACINGS[:1]):
-            room = _room(mesh, radius, facing)
+            room = room_of(mesh, radius, facing)
             rooms.append(room)
-            for i, task in enumerate(_tasks(room, tasks, seed, radius, solver, stop)):
+            for i, task in enumerate(walks_in(room, tasks, seed, radius, solver, stop)):
                 yield room.name, (room, i, task)
 
     def walked(case: tuple[Room, int, Task]) -> list[Row]:
@@ -129,7 +131,7 @@ def bench_rooms(
     return engine.run(cases(), walked, summary, {**settings, "solver": solver, "facings": facings, "stop": stop}, total)
 
 
-def _room(mesh: str | Path, radius: float, facing: str = FACINGS[0]) -> Room:
+def room_of(mesh: str | Path, radius: float = RADIUS, facing: str = FACINGS[0]) -> Room:
     """A mesh's room in one of `FACINGS`, or a bundled scene of `FALLBACK`."""
     scene = bundled(mesh) if mesh in FALLBACK else load_scene(mesh)
     if facing != FACINGS[0]:
@@ -140,8 +142,14 @@ def _room(mesh: str | Path, radius: float, facing: str = FACINGS[0]) -> Room:
     return Room(scene.name, scene, area, upright, Scorer(scene), height, prompt, Counter())
 
 
-def _tasks(
-    room: Room, count: int, seed: int, radius: float, solver: SolverSettings, stop: bool = True
+def walks_in(
+    room: Room,
+    count: int,
+    seed: int,
+    radius: float = RADIUS,
+    solver: SolverSettings | None = None,
+    stop: bool = True,
+    body: BodySpec | None = None,
 ) -> Iterator[Task]:
     """Random starts and targets in the free area whose shortest clear path is of walking length."""
     rng = np.random.default_rng(seed)
@@ -152,7 +160,8 @@ def _tasks(
             scene=room.scene,
             start=Start(position=(start[0], start[1])),
             walk=Walk(to=(target[0], target[1]), radius=radius, height=room.height, tolerance=CLOSE, stop=stop),
-            solver=solver,
+            solver=solver or SolverSettings(),
+            body=body,
         )
 
 

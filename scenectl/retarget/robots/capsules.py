@@ -108,21 +108,16 @@ class Capsules:
         both = [carried(places, turns, self.bodies, self.ends[:, end]) for end in range(2)]
         return np.stack(both, axis=2)
 
-    def self_distances(self, places: Float[np.ndarray, "C 2 3"], reach: float = math.inf) -> Gaps:
-        """Of those of `pairs` that may be within `reach` (m), the capsules' ends being at ``places``."""
-        middles, halves = places.mean(axis=1), self._halves
-        first, second = self.pairs.T
-        away = np.square(middles[first] - middles[second]).sum(axis=1)
-        near = np.flatnonzero(away <= np.square(halves[first] + halves[second] + reach))
-        first, second = self.pairs[near].T
+    def self_distances(
+        self, places: Float[np.ndarray, "C 2 3"], reach: float = math.inf, among: Int[np.ndarray, " n"] | None = None
+    ) -> Gaps:
+        """Of those of `pairs` that are within `reach` (m), the capsules' ends being at ``places``; `among` some."""
+        pairs = np.arange(len(self.pairs)) if among is None else among
+        first, second = self.pairs[pairs].T
         distance, a, b = segments_apart(places[first], places[second])
-        return Gaps(near, distance - self.radii[first] - self.radii[second], a, b)
-
-    @cached_property
-    def _halves(self) -> Float[np.ndarray, " C"]:
-        """How far (m) each reaches from its middle."""
-        found: np.ndarray = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1) / 2 + self.radii
-        return found
+        distance -= self.radii[first] + self.radii[second]
+        near = np.flatnonzero(distance <= reach)
+        return Gaps(pairs[near], distance[near], a[near], b[near])
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,8 @@ from jaxtyping import Float
 from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.standing import Standing
 from scenectl.retarget.robots.trajectory import Trajectory
+from scenes.errors import UserError, did_you_mean, shown
+from scenes.numbers import is_number
 
 CUTOFF = 6.0
 """Hertz above which motion is taken for noise before it is differentiated twice: Winter, Biomechanics and Motor Control
@@ -165,6 +168,24 @@ def _nonnegative(columns: Float[np.ndarray, "n 6"], wanted: Float[np.ndarray, "6
         qpsolvers.Problem(product, -columns @ wanted, lb=np.zeros(len(columns))), solver="daqp"
     )
     return np.zeros(len(columns)) if found.x is None else np.maximum(found.x, 0.0)
+
+
+def torques_of(robot: Humanoid, stated: Mapping[str, float | int]) -> Float[np.ndarray, " n"]:
+    """Largest torques (N m, N of slides) of a robot's joints: stated, or else of its file; infinite where none is.
+
+    Raises:
+        UserError: one that is not positive, or of a joint that the robot lacks.
+    """
+    limits = torque_limits(robot.model)
+    for joint, torque in stated.items():
+        if joint not in robot.names:
+            raise UserError(
+                f"a torque is stated for '{joint}', no joint of '{robot.source}'{did_you_mean(joint, robot.names)}"
+            )
+        if not (is_number(torque) and torque > 0):
+            raise UserError(f"the torque of '{joint}' is {shown(torque)}; give N m above 0")
+        limits[robot.names.index(joint)] = torque
+    return limits
 
 
 def torque_limits(model: Any) -> Float[np.ndarray, " n"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from scenectl.retarget.robots.avoid import scene_distance
 from scenectl.retarget.robots.capsules import capsules_of, carried, poses
-from scenectl.retarget.robots.dynamics import Dynamics, dynamics, half_speeds, torque_limits
+from scenectl.retarget.robots.dynamics import Dynamics, dynamics, half_speeds, torques_of
 from scenectl.retarget.robots.standing import last_of, standing
 from scenectl.retarget.robots.trajectory import Trajectory
 from scenes.body.capsules import sample_surface
@@ -172,22 +172,29 @@ def _at(most: Most) -> str:
     return f" ({most.what}, {most.seconds:.2f} s)" if most.what else ""
 
 
-def feasibility(trajectory: Trajectory, scene: Scene | None = None) -> Feasibility:
+def feasibility(
+    trajectory: Trajectory, scene: Scene | None = None, torques: Mapping[str, float | int] | None = None
+) -> Feasibility:
     """What a robot needs for a trajectory.
 
     Args:
         trajectory: of the robot.
         scene: y up, that it moves in; None leaves penetration out.
+        torques: {joint: its largest, N m (N of slides)}, instead of the file's.
+
+    Raises:
+        UserError: a torque that is not positive, or of a joint that the robot lacks.
     """
     feet = standing(trajectory, scene)
     forces = dynamics(trajectory, feet)
-    robot, limits, fps = trajectory.robot, torque_limits(trajectory.robot.model), trajectory.fps
+    robot, limits, fps = trajectory.robot, torques_of(trajectory.robot, torques or {}), trajectory.fps
     slide, joint, frame = last_of(feet.slides())
     force, moment = (np.linalg.norm(forces.missing[:, part], axis=1) for part in (slice(3), slice(3, 6)))
     doubts = []
     if without := np.flatnonzero(~np.isfinite(limits)).size:
         doubts.append(
-            f"'{robot.source}' states no torque limit for {without} of {len(limits)} joints, so none is taken there"
+            f"'{robot.source}' states no torque limit for {without} of {len(limits)} joints; state some, or none is "
+            "taken there"
         )
     if not robot.stated.all():
         slow = sorted(set(np.round(robot.speeds[~robot.stated], 2).tolist()))

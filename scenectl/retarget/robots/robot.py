@@ -8,10 +8,12 @@ from typing import Any
 from scenectl.retarget.robots.avoid import clear
 from scenectl.retarget.robots.humanoid import Humanoid
 from scenectl.retarget.robots.solve import solved
-from scenectl.retarget.robots.targets import resampled, targets
+from scenectl.retarget.robots.targets import Body, resampled, targets
 from scenectl.retarget.robots.trajectory import Trajectory
+from scenes.body.body import STATURE
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
+from scenes.motion.skeleton import HUMANML3D
 from scenes.world.scene import Scene
 
 FPS = 50.0
@@ -20,6 +22,15 @@ FPS = 50.0
 
 class Robot(Humanoid):
     """A humanoid robot from its own file, that can be made to follow motions: ``Robot("g1.xml").retarget(motion)``."""
+
+    @property
+    def stature(self) -> float:
+        """Height (m) of a person with legs as long as the robot's.
+
+        Motions of a task with ``body = { height = ... }`` of that are followed without a scale: the robot comes to all
+        places that its scene has for it.
+        """
+        return STATURE * Body(self.points, HUMANML3D).legs
 
     def retarget(
         self,
@@ -48,5 +59,5 @@ class Robot(Humanoid):
         if motion.joints.ndim == 4:
             return [self.retarget(motion[i], fps, scene, tasks, limits) for i in range(len(motion.joints))]
         wanted = targets(resampled(motion, fps), self.points)
-        qpos = clear(lambda avoid: solved(self, wanted, tasks, limits, avoid), self, fps, scene, motion.t0)
+        qpos = clear(lambda *avoid: solved(self, wanted, tasks, limits, *avoid), self, fps, scene, motion.t0)
         return Trajectory(self, qpos, fps, wanted.source, wanted.plants, motion.t0)

@@ -1,7 +1,8 @@
 """Inverse kinematics: a robot's free joint and joints, frame by frame, so that it follows its targets.
 
 Each frame is a few steps of Gauss and Newton, quadratic programs that mink builds and DAQP solves, from where the frame
-before ended. Ranges and speeds of joints bound every step: a frame lies within what the one before can reach.
+before ended or the pass before had it. Ranges and speeds of joints bound every step: a frame lies within what the one
+before can reach.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ def solved(
     tasks: Sequence[Any] = (),
     limits: Sequence[Any] = (),
     avoid: Sequence[Any] = (),
+    known: Float[np.ndarray, "T Q"] | None = None,
 ) -> Float[np.ndarray, "T Q"]:
     """The robot's qpos over time.
 
@@ -42,17 +44,20 @@ def solved(
         tasks: of mink, beside the targets.
         limits: of mink, beside ranges and speeds of joints.
         avoid: of mink, both tasks and limits, told each frame by `at(frame)`.
+        known: qpos that is near, instead of a first pass.
     """
     mink = borrowed("mink")
     from scenectl.retarget.robots.follow import Follow
 
     follow = Follow(robot, rows_of(robot, targets), targets.source.fps)
     configuration = mink.Configuration(robot.model, _start(robot, targets))
-    found = _pass(robot, configuration, follow, [follow, *tasks, *avoid], [*limits, *avoid], avoid)
-    smooth = gaussian_filter1d(found[:, 7:], WIDTH * follow.fps, axis=0, mode="nearest")
+    every, bounds = [follow, *tasks, *avoid], [*limits, *avoid]
+    if known is None:
+        known = _pass(robot, configuration, follow, every, bounds, avoid)
+    smooth = gaussian_filter1d(known[:, 7:], WIDTH * follow.fps, axis=0, mode="nearest")
     follow.toward(smooth, SMOOTH)
-    configuration.update(found[0])
-    return _pass(robot, configuration, follow, [follow, *tasks, *avoid], [*limits, *avoid], avoid)
+    configuration.update(known[0])
+    return _pass(robot, configuration, follow, every, bounds, avoid, known)
 
 
 def _pass(
@@ -62,8 +67,9 @@ def _pass(
     tasks: Sequence[Any],
     limits: Sequence[Any],
     avoid: Sequence[Any],
+    known: Float[np.ndarray, "T Q"] | None = None,
 ) -> Float[np.ndarray, "T Q"]:
-    """All frames, one after the other, from where the configuration is."""
+    """All frames, each from where it is known to be near, or else from where the one before ended."""
     mink, qpsolvers, mujoco = borrowed("mink"), borrowed("qpsolvers"), borrowed("mujoco")
     model, dt, (low, high) = robot.model, 1 / follow.fps, robot.bounds
     reach = robot.speeds * NEAR * dt
@@ -72,6 +78,8 @@ def _pass(
         before = configuration.q[7:].copy()
         least, most = (low, high) if frame == 0 else (np.maximum(low, before - reach), np.minimum(high, before + reach))
         follow.at(frame, configuration.q)
+        if known is not None:
+            configuration.update(np.concatenate([known[frame, :7], np.clip(known[frame, 7:], least, most)]))
         for one in avoid:
             one.at(frame)
         for _ in range(STEPS if frame else FIRST):

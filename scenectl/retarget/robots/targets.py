@@ -201,7 +201,8 @@ def _stand(
             masks[plant.joint][plant.begin : plant.end] = True
     tilt = np.arccos(np.clip(turns[ankle][:, 1, 1], -1, 1))
     places[ankle][:, 1] += body.lowest(side, turns[ankle])
-    turns[ankle] = _levelled(turns[ankle], masks[ankle] & masks[foot] & (tilt < _LEVEL), motion.fps)
+    flat = (masks[ankle] & (tilt < _LEVEL)) | (turns[ankle][:, 1, 2] > 0)  # on a ball that stands, no heel is lower
+    turns[ankle] = _levelled(turns[ankle], masks[foot] & flat, motion.fps)
     body.stood(side, places, turns[ankle])
     moved = np.full((motion.frames, 3), np.nan)
     for begin, end in _stretches(masks[foot]):

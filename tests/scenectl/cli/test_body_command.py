@@ -66,7 +66,7 @@ def test_a_character_with_other_names_becomes_a_body_that_tasks_use(scenectl: Ru
 def test_bodies_that_tasks_cannot_use_are_told(scenectl: Run, tmp_path: Path) -> None:
     scenectl("body", robot(tmp_path), "--json", tmp_path / "lamp.json")
     task = Task(prompt="a person walks", seconds=3.0, body=tmp_path / "lamp.json")
-    with pytest.raises(UserError, match="no motion moves it"):
+    with pytest.raises(UserError, match="scenectl retarget"):
         task.build()
     with pytest.raises(UserError, match="does not exist"):
         Task(prompt="a person walks", seconds=3.0, body="nowhere.json").build()

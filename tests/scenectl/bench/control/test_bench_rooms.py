@@ -11,7 +11,7 @@ import pytest
 import torch
 import trimesh
 
-from scenectl.bench.control.rooms import Room, _room, _stopped, _tasks
+from scenectl.bench.control.rooms import Room, _stopped, room_of, walks_in
 from scenectl.bench.scenes.meshes import FACINGS
 from scenectl.control import SolverSettings
 from scenectl.measures.metrics import Scorer
@@ -25,8 +25,8 @@ from tests.objectives.cases import standing
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_walks_begin_where_a_person_stands_upright(seed: int) -> None:
-    room = _room("corridor", 0.35)  # seeds with which starts were drawn under the beam
-    tasks = list(_tasks(room, 34, seed, 0.35, SolverSettings()))
+    room = room_of("corridor", 0.35)  # seeds with which starts were drawn under the beam
+    tasks = list(walks_in(room, 34, seed, 0.35, SolverSettings()))
     assert len(tasks) == 34 and room.rejected["no room to stand at the start"] > 0
     for task in tasks:
         assert np.isfinite(task.build(seed, scene=room.scene).seconds)
@@ -50,8 +50,8 @@ def test_a_room_too_small_to_walk_in_says_how_far_one_gets_and_what_radius_would
     area = free_area(scene, 0.6)
     room = Room("closet", scene, area, area, Scorer(scene), 1.8, "x", Counter())
     with pytest.raises(UserError, match=r"the longest way found is 0.[78]\d m as .* a radius of 0.5[0-3] m would do"):
-        list(_tasks(room, 1, 0, 0.6, SolverSettings()))
-    assert list(_tasks(room, 1, 0, 0.45, SolverSettings()))
+        list(walks_in(room, 1, 0, 0.6, SolverSettings()))
+    assert list(walks_in(room, 1, 0, 0.45, SolverSettings()))
 
 
 def test_a_room_is_the_same_in_every_winding(tmp_path: Path) -> None:
@@ -59,10 +59,10 @@ def test_a_room_is_the_same_in_every_winding(tmp_path: Path) -> None:
     whole = trimesh.boolean.difference([trimesh.creation.box(bounds=[[0, 0, 0], [5, 2.6, 4]]), dent], engine="manifold")
     whole.invert()
     whole.export(tmp_path / "room.ply")
-    areas = [_room(tmp_path / "room.ply", 0.3, facing).area.square_metres for facing in FACINGS]
+    areas = [room_of(tmp_path / "room.ply", 0.3, facing).area.square_metres for facing in FACINGS]
     assert np.ptp(areas) < 0.02 * areas[0]
     with pytest.raises(UserError, match="did you mean 'reversed'"):
-        _room(tmp_path / "room.ply", 0.3, "revresed")
+        room_of(tmp_path / "room.ply", 0.3, "revresed")
 
 
 @pytest.mark.parametrize(
@@ -81,8 +81,8 @@ def test_a_walk_has_stopped_that_rests_on_both_feet(speed: float, frames: int, h
 
 
 def test_walks_have_what_tasks_have_by_default() -> None:
-    room = _room("pillars", 0.35)
+    room = room_of("pillars", 0.35)
     for stop in (True, False):
-        (task,) = _tasks(room, 1, 0, 0.35, SolverSettings(), stop)
+        (task,) = walks_in(room, 1, 0, 0.35, SolverSettings(), stop)
         names = [term.name for term in task.build(0, scene=room.scene).objective.terms]
         assert names[-2:] == ["sdf_penetration", "foot_contact"] and ("walk: stop" in names) == stop

@@ -13,8 +13,10 @@ import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 
+from scenectl.retarget.robots.capsules import carried, poses
 from scenectl.retarget.robots.points import WORLD
 from scenectl.retarget.robots.robot import Robot
+from scenectl.retarget.robots.standing import sole_of
 from scenectl.retarget.robots.targets import resampled
 from scenes.errors import UserError
 from scenes.mesh.scale import TO_Y_UP
@@ -99,6 +101,21 @@ def test_feet_that_drift_in_the_motion_stand_still_on_the_robot() -> None:
     longest = max(made.plants, key=lambda plant: plant.end - plant.begin)
     drifted = resampled(replace(motion, joints=joints), 50.0).joint(longest.joint)[longest.begin : longest.end]
     assert float((drifted - drifted.mean(dim=0)).norm(dim=1).max()) > 0.02 > 0.01 > made.figures().slide
+
+
+def test_no_heel_is_lower_than_a_ball_that_stands() -> None:
+    motion = walking(1.0)
+    joints = motion.joints[:1].repeat(motion.frames, 1, 1)
+    ankle, foot = (motion.skeleton.index(f"left_{part}") for part in ("ankle", "foot"))
+    arm, turn = joints[0, ankle] - joints[0, foot], 1.2 * motion.times
+    joints[:, ankle, 0] += arm[2] * turn.sin()  # the foot turns on its ball, toes up
+    joints[:, ankle, 2] += arm[2] * (turn.cos() - 1)
+    joints[:, ankle, 1] -= 0.05
+    made = robot().retarget(replace(motion, joints=joints))
+    begin, end = next((plant.begin, plant.end) for plant in made.plants if plant.joint == "left_foot")
+    sole = sole_of(made.robot, "left")
+    places = carried(*poses(made.robot.model, made.qpos[begin:end]), sole.bodies, sole.points)
+    assert end - begin > 10 and np.ptp(places[..., 2], axis=1).max() < 0.01
 
 
 def test_the_way_is_as_long_as_the_legs_make_it() -> None:
