@@ -67,19 +67,23 @@ class _Person:
 
     @classmethod
     def added(cls, document: Document, animation: Animation, number: int) -> _Person:
-        """Put one into a document, standing with its soles on the ground in the T-pose."""
+        """Put one into a document, standing with its soles on the ground in the T-pose.
+
+        Its joints hang on a node of their own: on the scene, Blender would make one armature of all that is in it.
+        """
         skeleton, mannequin = animation.skeleton, Mannequin.of(animation)
         rest = rest_pose(skeleton).numpy()
         vertices = mannequin.vertices + rest[animation.ours[0]]
         up = np.array([0.0, -vertices[:, 1].min(), 0.0])
-        nodes: list[int] = []
+        count = f" {number + 1}" if number else ""
+        nodes, person = list[int](), document.node(f"person{count}")
         for joint, parent in enumerate(skeleton.parents):
             place = skeleton.offsets[joint] if parent >= 0 else up
-            above = nodes[parent] if parent >= 0 else None
+            above = nodes[parent] if parent >= 0 else person
             nodes.append(document.node(skeleton.names[joint], above, translation=[float(x) for x in place]))
         bind = np.tile(np.eye(4), (len(rest), 1, 1))
         bind[:, :3, 3] = rest + up
-        name = f"mannequin {number + 1}" if number else "mannequin"
+        name = f"mannequin{count}"
         held = animation.ours[mannequin.joints]
         mesh = document.mesh(
             name,
