@@ -64,7 +64,7 @@ COMPUTING = ("torch", "numpy", "scipy", "numba", "trimesh", "matplotlib")
 """What help and completion have no use for either."""
 HEAVY = (
     "pyvista", "vtkmodules", "vtk", "open3d", "igl", "skimage", "manifold3d", "transformers",
-    "sentence_transformers",
+    "sentence_transformers", "pxr", "pybvh", "pygltflib", "mujoco", "mink",
 )  # fmt: skip
 
 

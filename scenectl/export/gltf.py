@@ -15,6 +15,7 @@ import pygltflib
 from scenectl.version import __version__
 from scenes.errors import UserError
 from scenes.files import atomic_write, readable
+from scenes.mesh.colours import linear
 from scenes.mesh.content import told
 from scenes.mesh.gltf import Gltf
 
@@ -91,11 +92,8 @@ class Document:
 
     def material(self, name: str, colour: Sequence[int], double_sided: bool = False) -> int:
         """A matt material of an sRGB colour (0 to 255)."""
-        share = np.asarray(colour) / 255.0
-        linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)  # as the standard wants
-        look = pygltflib.PbrMetallicRoughness(
-            baseColorFactor=[*linear.round(4).tolist(), 1.0], metallicFactor=0.0, roughnessFactor=0.9
-        )
+        shares = linear(np.asarray(colour)).round(4).tolist()
+        look = pygltflib.PbrMetallicRoughness(baseColorFactor=[*shares, 1.0], metallicFactor=0.0, roughnessFactor=0.9)
         self.gltf.materials.append(pygltflib.Material(name=name, pbrMetallicRoughness=look, doubleSided=double_sided))
         return len(self.gltf.materials) - 1
 

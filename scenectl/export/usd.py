@@ -19,6 +19,7 @@ from scenectl.export.rooms import Thing, things
 from scenectl.export.settings import Settings
 from scenes.errors import UserError
 from scenes.files import atomic_write, writing
+from scenes.mesh.colours import linear
 from scenes.mesh.scale import TO_Y_UP
 from scenes.motion.bones import rest_pose
 from scenes.motion.skeleton import Skeleton
@@ -174,15 +175,9 @@ def _look(stage: Any) -> Any:
 
 def _colour(mesh: Any, colours: np.ndarray, each: Any, look: Any) -> None:
     """sRGB colours of all of a mesh or of each face, and the material that shows them."""
-    shown = Vt.Vec3fArray.FromNumpy(_linear(colours).astype(np.float32))
+    shown = Vt.Vec3fArray.FromNumpy(linear(colours).astype(np.float32))
     mesh.CreateDisplayColorPrimvar(each).Set(shown)
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(look)
-
-
-def _linear(colours: np.ndarray) -> np.ndarray:
-    """Shares of light of sRGB colours (0 to 255), as IEC 61966-2-1 has them."""
-    share = colours / 255.0
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
 
 
 def _paths(skeleton: Skeleton) -> Vt.TokenArray:

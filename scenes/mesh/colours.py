@@ -45,6 +45,12 @@ def face_colours(mesh: Mesh, otherwise: tuple[int, int, int] = CLAY) -> np.ndarr
     return np.asarray(colours[cKDTree(centres).query(wanted)[1]])
 
 
+def linear(colours: np.ndarray) -> np.ndarray:
+    """Shares of light, as glTF and USD state them, of sRGB colours (0 to 255), by IEC 61966-2-1."""
+    share = np.asarray(colours) / 255.0
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
 def _without_large(material: Any) -> None:
     """Make a material's picture small, before anything decodes or copies it whole, and drop those of no colour."""
     for name in ("normalTexture", "emissiveTexture", "occlusionTexture", "metallicRoughnessTexture"):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from scenes.mesh.colours import linear
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ def glb(items: Sequence[Item]) -> bytes:
     scene = trimesh.Scene()
     for item in items:
         solid = item.solid.to_mesh()
-        colour = [*(_linear(c) for c in item.colour), 1.0]
+        colour = [*linear(np.array(item.colour)).round(4).tolist(), 1.0]  # no library's last digit shows
         material = trimesh.visual.material.PBRMaterial(
             name=item.name, baseColorFactor=colour, metallicFactor=0.0, roughnessFactor=0.9
         )
@@ -40,9 +41,3 @@ def glb(items: Sequence[Item]) -> bytes:
         scene.add_geometry(shape, geom_name=item.name, node_name=item.name)
     data: bytes = scene.export(file_type="glb", include_normals=False)
     return data
-
-
-def _linear(channel: int) -> float:
-    """An sRGB channel as the linear value glTF wants; rounded, so that no library's last digit shows."""
-    c = channel / 255.0
-    return round(c / 12.92 if c <= 0.04045 else math.pow((c + 0.055) / 1.055, 2.4), 4)

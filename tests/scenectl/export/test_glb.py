@@ -18,6 +18,7 @@ from scenectl.export.animation import Animation
 from scenectl.export.export import export
 from scenectl.export.glb import COLOURS, write
 from scenectl.export.mannequin import Mannequin
+from scenectl.export.names import PRESETS
 from scenectl.export.settings import Settings
 from scenectl.tasks.task import load_task
 from scenes.errors import UserError
@@ -187,6 +188,17 @@ def test_every_joint_of_every_frame(tmp_path: Path) -> None:
     file = File(tmp_path / "a.glb")
     found = [[file.world(file.named[name], 0, frame / 20.0)[:3, 3] for name in HUMANML3D.names] for frame in range(4)]
     np.testing.assert_allclose(found, people.joints[0].numpy(), atol=1e-5)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("root_motion", [True, False])
+def test_joints_stay_where_they_are_under_the_names_of_others(preset: str, root_motion: bool, tmp_path: Path) -> None:
+    """A root that carries the pelvis, as some have it, moves it by its own track."""
+    written = export(motion(1, 4), tmp_path / "a.glb", names=preset, root_motion=root_motion).animations[0]
+    file = File(tmp_path / "a.glb")
+    for frame in range(4):
+        found = [file.world(file.named[name], 0, frame / 20.0)[:3, 3] for name in written.skeleton.names]
+        np.testing.assert_allclose(found, written.joints[frame], atol=1e-5)
 
 
 def test_at_rest_it_stands_in_the_t_pose_as_modelled(in_room: tuple[File, Motion, Scene]) -> None:
