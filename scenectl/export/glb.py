@@ -12,7 +12,7 @@ import numpy as np
 from scenectl.export.animation import Animation
 from scenectl.export.gltf import Document, Tracks
 from scenectl.export.mannequin import COLOUR, Mannequin
-from scenectl.export.rooms import Thing, things
+from scenectl.export.rooms import Thing, flat, things
 from scenectl.export.settings import Settings
 from scenes.errors import UserError
 from scenes.mesh.content import distinct
@@ -138,12 +138,9 @@ def add_room(document: Document, animations: Sequence[Animation], settings: Sett
 
 def _mesh(document: Document, thing: Thing, materials: dict[tuple[int, ...], int]) -> int:
     """The mesh of a thing: flat triangles, those of a colour together."""
-    corners = thing.vertices[thing.faces].astype(np.float32)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
-    sizes = np.linalg.norm(normals, axis=1)
-    seen = sizes > 0  # others have no normal, and nothing to see
-    normals = normals[seen] / sizes[seen, None]
-    rows = np.concatenate([corners[seen], np.repeat(normals[:, None], 3, axis=1).astype(np.float32)], axis=2)
+    normals, seen = flat(thing.vertices, thing.faces)
+    corners = thing.vertices[thing.faces[seen]]
+    rows = np.concatenate([corners, np.repeat(normals[:, None], 3, axis=1)], axis=2).astype(np.float32)
     vertices, faces = np.unique(rows.reshape(-1, 6), axis=0, return_inverse=True)
     faces = faces.reshape(-1, 3)
     colours, which = _palette(thing.colours[seen])
