@@ -112,8 +112,8 @@ def _far(animations: Sequence[Animation]) -> tuple[str, ...]:
         return ()
     step = float(np.spacing(np.float32(away)))
     return (
-        f"the motion lies {away:.0f} m from the origin, where tools that compute in single precision, as most do, place "
-        f"things to {step:.1g} m only; move the scene near the origin, and the world in the tool",
+        f"the motion lies {away:.0f} m from the origin, where tools that compute in single precision, as most do, "
+        f"place things to {step:.1g} m only; move the scene near the origin, and the world in the tool",
     )
 
 
