@@ -14,7 +14,6 @@ from scenectl.export.gltf import Document, Tracks
 from scenectl.export.mannequin import COLOUR, Mannequin
 from scenectl.export.rooms import Thing, flat, things
 from scenectl.export.settings import Settings
-from scenes.errors import UserError
 from scenes.mesh.content import distinct
 from scenes.motion.bones import rest_pose
 from scenes.motion.skeleton import Skeleton
@@ -39,8 +38,6 @@ def write(animations: Sequence[Animation], path: Path, settings: Settings) -> No
     if settings.character is not None:
         import_module("scenectl.export.characters").write(animations, path, settings)
         return
-    if path.suffix.lower() == ".vrm":
-        raise UserError(f"'{path}' would be a VRM of our mannequin, which is none; write a .glb, or state a character")
     document = Document()
     people: list[_Person] = []
     for animation in animations:

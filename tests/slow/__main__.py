@@ -33,7 +33,7 @@ CLOSE = 1e-3
 """Metres by which anything may be off."""
 WAIT = 60
 """Seconds that Godot may take over a file; where a script of it fails, it goes on for ever."""
-SIDE = 300
+SIDE = 280
 """Pixels of each picture in a sheet."""
 
 
@@ -180,7 +180,7 @@ def sheet(pictures: list[Path], path: Path) -> None:
     whole = Image.new("RGB", (SIDE * columns, SIDE * math.ceil(len(shown) / columns)), "white")
     for place, picture in enumerate(shown):
         whole.paste(picture, (SIDE * (place % columns), SIDE * (place // columns)))
-    whole.quantize(64).save(path, optimize=True)
+    whole.quantize(256, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
 
 
 def plain(name: str) -> str:

@@ -137,7 +137,7 @@ def picture(armature: Any, case: dict[str, Any]) -> None:
     moment = moments[len(moments) * 2 // 3]
     stand(case["first"] + moment["time"] * case["fps"])
     seen = bpy.context.view_layer.objects  # the importer hides the ball that it draws bones as
-    meshes = [thing for thing in seen if thing.type == "MESH" and len(thing.data.polygons) and not thing.hide_get()]
+    meshes = [thing for thing in seen if thing.type == "MESH" and len(thing.data.polygons) and thing.visible_get()]
     if not meshes:
         sticks(armature)
     scene = bpy.context.scene

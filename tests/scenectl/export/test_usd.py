@@ -146,7 +146,8 @@ def test_a_room_moves_with_the_person(up: str, unit: str, tmp_path: Path) -> Non
 def test_things_are_flat(up: str, tmp_path: Path) -> None:
     """Faces without normals are smooth in Blender: corners of rooms were round."""
     export(moving(2), tmp_path / "x.usdc", scene=room(), up=up)
-    for prim in Usd.Stage.Open(str(tmp_path / "x.usdc")).GetPrimAtPath("/World/Room").GetChildren():
+    stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
+    for prim in stage.GetPrimAtPath("/World/Room").GetChildren():
         mesh = UsdGeom.Mesh(prim)
         points, faces = np.array(mesh.GetPointsAttr().Get()), np.array(mesh.GetFaceVertexIndicesAttr().Get())
         a, b, c = np.moveaxis(points[faces.reshape(-1, 3)], 1, 0)
