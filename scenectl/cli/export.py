@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from scenectl.cli.clock import importing
+from scenectl.console.console import doubt
 from scenectl.console.options import MotionFile, SceneFile, motion_read, scene_of
 from scenectl.console.results import show_exported
 from scenes.errors import UserError
@@ -64,6 +65,8 @@ def export(
     made = motion_read(motion, from_fps, from_unit, from_up)
     made = made if every else one_of(made, sample or 0, motion)
     room_of = scene_of(motion, room) if scene or room is not None else None
+    if room is not None and room_of is not None:  # a result's own was doubted when it was made
+        doubt(room_of.doubts_so_far)
     show_exported(write(made, output, settings, scene=room_of))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from scenectl.console.console import err, out, table
+from scenectl.console.console import doubt, err, out, table
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -98,3 +98,4 @@ def show_exported(done: Exported) -> None:
         out.print(f"wrote {file}: {several}{frames} frames at {held[0].fps:g} a second")
     if done.moved:
         out.print(f"joints moved by {1000 * done.moved:.1f} mm at most, so that bones keep their lengths")
+    doubt(done.doubts)

@@ -8,12 +8,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
+
 from scenectl.data.formats.people import UNITS
 from scenectl.export.animation import Animation
 from scenectl.export.names import named
 from scenectl.export.settings import Settings
 from scenes.errors import UserError, did_you_mean
 from scenes.files import replaceable
+from scenes.motion.frames import FAR
 from scenes.motion.motion import Motion
 
 FORMATS = {
@@ -29,6 +32,8 @@ FORMATS = {
 """By the ending of a file, the module of this package that writes it (`Format`)."""
 _ALWAYS = {"fps", "root_motion", "names", "t0"}
 _UPS = ("y", "z")
+_DOUBLE = {".csv", ".npz"}
+"""Endings of what is read by programs, in double precision."""
 
 
 @runtime_checkable
@@ -55,11 +60,13 @@ class Exported:
         files: the files.
         animations: what they hold, in order.
         moved: by how much (m) joints moved at most, where a motion's pieces were not rigid; else 0.
+        doubts: what tools may make of it, one sentence each.
     """
 
     files: tuple[Path, ...]
     animations: tuple[Animation, ...]
     moved: float
+    doubts: tuple[str, ...] = ()
 
 
 def export(motion: Motion, path: str | Path, settings: Settings | None = None, **stated: Any) -> Exported:
@@ -88,13 +95,26 @@ def export(motion: Motion, path: str | Path, settings: Settings | None = None, *
         animation = animation if settings.fps is None else animation.resampled(settings.fps)
         animations.append(named(animation if travels else animation.in_place(), settings.names))
         moved = max(moved, by)
+    doubts = () if path.suffix.lower() in _DOUBLE else _far(animations)
     if form.SEVERAL or len(animations) == 1:
         form.write(animations, path, settings)
-        return Exported((path,), tuple(animations), moved)
+        return Exported((path,), tuple(animations), moved, doubts)
     files = tuple(replaceable(path.with_stem(animation.name)) for animation in animations)
     for animation, file in zip(animations, files, strict=True):
         form.write([animation], file, settings)
-    return Exported(files, tuple(animations), moved)
+    return Exported(files, tuple(animations), moved, doubts)
+
+
+def _far(animations: Sequence[Animation]) -> tuple[str, ...]:
+    """That people are farther away than tools can tell exactly, if they are."""
+    away = max(float(np.abs(animation.roots).max()) for animation in animations)
+    if away < FAR:
+        return ()
+    step = float(np.spacing(np.float32(away)))
+    return (
+        f"the motion lies {away:.0f} m from the origin, where tools that compute in single precision, as most do, "
+        f"place things to {step:.1g} m only; move the scene near the origin, and the world in the tool",
+    )
 
 
 def format_of(path: Path) -> Format:
@@ -120,7 +140,7 @@ def check(settings: Settings, path: Path) -> None:
         raise UserError("joints are named for a character; state --character, too, or leave --joints out")
     if settings.character is not None and settings.names != Settings.names:
         raise UserError("a character's joints keep its own names; leave --names out")
-    if ending == ".vrm" and (settings.character is None or settings.character.suffix.lower() != ".vrm"):
+    if ending == ".vrm" and settings.character is None:
         raise UserError("a .vrm file is a VRM character; give one with --character, or write a .glb file")
 
 

@@ -12,9 +12,8 @@ import numpy as np
 from scenectl.export.animation import Animation
 from scenectl.export.gltf import Document, Tracks
 from scenectl.export.mannequin import COLOUR, Mannequin
-from scenectl.export.rooms import Thing, things
+from scenectl.export.rooms import Thing, flat, things
 from scenectl.export.settings import Settings
-from scenes.errors import UserError
 from scenes.mesh.content import distinct
 from scenes.motion.bones import rest_pose
 from scenes.motion.skeleton import Skeleton
@@ -39,8 +38,6 @@ def write(animations: Sequence[Animation], path: Path, settings: Settings) -> No
     if settings.character is not None:
         import_module("scenectl.export.characters").write(animations, path, settings)
         return
-    if path.suffix.lower() == ".vrm":
-        raise UserError(f"'{path}' would be a VRM of our mannequin, which is none; write a .glb, or state a character")
     document = Document()
     people: list[_Person] = []
     for animation in animations:
@@ -67,19 +64,23 @@ class _Person:
 
     @classmethod
     def added(cls, document: Document, animation: Animation, number: int) -> _Person:
-        """Put one into a document, standing with its soles on the ground in the T-pose."""
+        """Put one into a document, standing with its soles on the ground in the T-pose.
+
+        Its joints hang on a node of their own: on the scene, Blender would make one armature of all that is in it.
+        """
         skeleton, mannequin = animation.skeleton, Mannequin.of(animation)
         rest = rest_pose(skeleton).numpy()
         vertices = mannequin.vertices + rest[animation.ours[0]]
         up = np.array([0.0, -vertices[:, 1].min(), 0.0])
-        nodes: list[int] = []
+        count = f" {number + 1}" if number else ""
+        nodes, person = list[int](), document.node(f"person{count}")
         for joint, parent in enumerate(skeleton.parents):
             place = skeleton.offsets[joint] if parent >= 0 else up
-            above = nodes[parent] if parent >= 0 else None
+            above = nodes[parent] if parent >= 0 else person
             nodes.append(document.node(skeleton.names[joint], above, translation=[float(x) for x in place]))
         bind = np.tile(np.eye(4), (len(rest), 1, 1))
         bind[:, :3, 3] = rest + up
-        name = f"mannequin {number + 1}" if number else "mannequin"
+        name = f"mannequin{count}"
         held = animation.ours[mannequin.joints]
         mesh = document.mesh(
             name,
@@ -134,12 +135,9 @@ def add_room(document: Document, animations: Sequence[Animation], settings: Sett
 
 def _mesh(document: Document, thing: Thing, materials: dict[tuple[int, ...], int]) -> int:
     """The mesh of a thing: flat triangles, those of a colour together."""
-    corners = thing.vertices[thing.faces].astype(np.float32)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
-    sizes = np.linalg.norm(normals, axis=1)
-    seen = sizes > 0  # others have no normal, and nothing to see
-    normals = normals[seen] / sizes[seen, None]
-    rows = np.concatenate([corners[seen], np.repeat(normals[:, None], 3, axis=1).astype(np.float32)], axis=2)
+    normals, seen = flat(thing.vertices, thing.faces)
+    corners = thing.vertices[thing.faces[seen]]
+    rows = np.concatenate([corners, np.repeat(normals[:, None], 3, axis=1)], axis=2).astype(np.float32)
     vertices, faces = np.unique(rows.reshape(-1, 6), axis=0, return_inverse=True)
     faces = faces.reshape(-1, 3)
     colours, which = _palette(thing.colours[seen])

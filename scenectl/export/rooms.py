@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from scenes.mesh.colours import OBSTACLE, face_colours
 from scenes.mesh.content import distinct
@@ -67,6 +67,16 @@ def things(scene: Scene, times: np.ndarray, around: np.ndarray | None = None) ->
     return [replace(thing, name=name) for thing, name in zip(found, names, strict=True)]
 
 
+def flat(
+    vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
+) -> tuple[Float[np.ndarray, "S 3"], Bool[np.ndarray, " F"]]:
+    """Unit normals of the faces that have one in single precision, and which these are: of others nothing is seen."""
+    corners = vertices[faces].astype(np.float32)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
+    sizes = np.linalg.norm(normals, axis=1)
+    return normals[sizes > 0] / sizes[sizes > 0, None], sizes > 0
+
+
 def _moving(thing: MovingObject | Sphere | Capsule, seconds: torch.Tensor) -> Thing:
     """What moves, in its own frame, with where that is."""
     if isinstance(thing, MovingObject):
@@ -83,12 +93,11 @@ def _moving(thing: MovingObject | Sphere | Capsule, seconds: torch.Tensor) -> Th
 
 def _box(scene: Scene, around: np.ndarray | None) -> np.ndarray:
     """Bounds ``[2, 3]`` (m) within which planes without an end are shown."""
-    solid = scene.meshes or scene.objects or any(not isinstance(shape, Plane) for shape in scene.primitives)
-    boxes = [scene.bounds] if solid or around is None else []
+    boxes = [] if scene.extent is None else [scene.extent]
     if around is not None:
         points = np.asarray(around, dtype=np.float64).reshape(-1, 3)
         boxes.append(np.stack([points.min(axis=0), points.max(axis=0)]))
-    low, high = hull(boxes)
+    low, high = hull(boxes or [scene.bounds])
     if scene.stated_floor is not None:
         low[1] = min(low[1], scene.stated_floor)
     return np.stack([low - [MARGIN, _BELOW, MARGIN], high + MARGIN])

@@ -15,7 +15,7 @@ from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdSkel, Vt
 from scenectl.data.formats.people import UNITS
 from scenectl.export.animation import Animation
 from scenectl.export.mannequin import COLOUR, Mannequin
-from scenectl.export.rooms import Thing, things
+from scenectl.export.rooms import Thing, flat, things
 from scenectl.export.settings import Settings
 from scenes.errors import UserError
 from scenes.files import atomic_write, writing
@@ -135,8 +135,11 @@ def _move(moves: Any, animation: Animation, axes: Axes) -> None:
 
 def _thing(stage: Any, path: str, thing: Thing, axes: Axes, look: Any) -> None:
     """A piece of the room, with an orientation and a place at every frame where it moves."""
-    mesh = _mesh(stage, path, thing.vertices, thing.faces, axes)
-    _colour(mesh, thing.colours, UsdGeom.Tokens.uniform, look)
+    normals, seen = flat(thing.vertices, thing.faces)
+    mesh = _mesh(stage, path, thing.vertices, thing.faces[seen], axes)
+    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(axes.ways(normals).astype(np.float32)))
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.uniform)
+    _colour(mesh, thing.colours[seen], UsdGeom.Tokens.uniform, look)
     if thing.places is None or thing.turns is None:
         return
     places, turns = mesh.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble), mesh.AddOrientOp()

@@ -373,12 +373,18 @@ class Scene:
         return (*self.objects, *shapes)
 
     @cached_property
-    def bounds(self) -> np.ndarray:
-        """Lowest and highest corner of meshes, primitives and objects with their motions, ``[2, 3]``, metres.
+    def extent(self) -> np.ndarray | None:
+        """Lowest and highest corner of meshes, shapes that end, and objects with their motions, ``[2, 3]``, metres.
 
-        A scene with nothing but a floor has no bounds of its own; it is given 40 x 4 x 40 m around the origin.
+        None of a floor alone.
         """
         solids = [mesh.bounds for mesh in self.meshes] + self._loose
+        return hull(solids) if solids else None
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """The same, ``[2, 3]``, metres; without meshes, 40 x 4 x 40 m of floor around the origin belong to it."""
+        solids = [] if self.extent is None else [self.extent]
         if self.meshes:
             return hull(solids)
         low = self.stated_floor or 0.0

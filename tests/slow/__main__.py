@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import re
 import shutil
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from rich.console import Console
 from rich.table import Table
 
@@ -31,6 +33,8 @@ CLOSE = 1e-3
 """Metres by which anything may be off."""
 WAIT = 60
 """Seconds that Godot may take over a file; where a script of it fails, it goes on for ever."""
+SIDE = 280
+"""Pixels of each picture in a sheet."""
 
 
 @dataclass
@@ -47,6 +51,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.slow", description=__doc__)
     parser.add_argument("-o", type=Path, default=ROOT / "out" / "check-slow", help="folder for files and pictures")
     parser.add_argument("--only", default="", help="files whose name has this in it")
+    parser.add_argument("--sheet", type=Path, help="a PNG file for Blender's pictures beside one another")
     parser.add_argument("--tool", choices=[check.__name__ for check in CHECKS], help="one alone")
     given = parser.parse_args()
     out = given.o.resolve()
@@ -57,6 +62,8 @@ def main() -> None:
     for row in rows:
         table.add_row(row.tool, row.file, row.result, {True: "ok", False: "FAILED", None: "skipped"}[row.fine])
     Console(width=max(100, Console().width)).print(table)
+    if given.sheet:
+        sheet([Path(case.picture) for case in cases if case.picture], given.sheet)
     sys.exit(any(row.fine is False for row in rows))
 
 
@@ -164,6 +171,16 @@ def godots(case: Case, lines: list[list[str]]) -> Row:
                 off.append(np.inf if here is None else np.linalg.norm(here - [x, z, -y]))
     text = f"{len(lengths)} animations of {max(lengths.values()):.2f} s, joints {1000 * max(off):.3f} mm"
     return Row("Godot", name, text, max(off) <= CLOSE)
+
+
+def sheet(pictures: list[Path], path: Path) -> None:
+    """Pictures beside one another in the order of a table of as many columns as rows, or one more, in few colours."""
+    shown = [Image.open(picture).convert("RGB").resize((SIDE, SIDE)) for picture in pictures]
+    columns = math.ceil(math.sqrt(len(shown)))
+    whole = Image.new("RGB", (SIDE * columns, SIDE * math.ceil(len(shown) / columns)), "white")
+    for place, picture in enumerate(shown):
+        whole.paste(picture, (SIDE * (place % columns), SIDE * (place // columns)))
+    whole.quantize(256, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
 
 
 def plain(name: str) -> str:

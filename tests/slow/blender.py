@@ -35,6 +35,8 @@ def measured(case: dict[str, Any]) -> dict[str, Any]:
     bpy.context.scene.render.fps = round(case["fps"])
     opened(Path(case["file"]))
     (armature,) = (thing for thing in bpy.data.objects if thing.type == "ARMATURE")
+    if on := [thing.name for thing in armature.children if not skinned(thing)]:
+        return {"error": f"things of the room hang on the person: {on}"}
     bones, asked = {bone.name for bone in armature.data.bones}, set(case["plays"][0]["moments"][0]["joints"])
     if missing := (set(case["rest"]) or bones | asked) ^ bones:
         return {"error": f"bones here or there only: {sorted(missing)}"}
@@ -134,19 +136,22 @@ def picture(armature: Any, case: dict[str, Any]) -> None:
     moments = case["plays"][0]["moments"]
     moment = moments[len(moments) * 2 // 3]
     stand(case["first"] + moment["time"] * case["fps"])
-    meshes = [thing for thing in bpy.data.objects if thing.type == "MESH" and len(thing.data.polygons)]
+    seen = bpy.context.view_layer.objects  # the importer hides the ball that it draws bones as
+    meshes = [thing for thing in seen if thing.type == "MESH" and len(thing.data.polygons) and thing.visible_get()]
     if not meshes:
         sticks(armature)
     scene = bpy.context.scene
     centre = Vector(np.mean(list(moment["joints"].values()), axis=0))
     look(centre, centre + Vector((2.2, -2.6, 1.1)))
     lamp = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-    lamp.data.energy, lamp.rotation_euler = 3.0, (0.6, 0.3, 0.4)
+    lamp.data.energy, lamp.rotation_euler = 2.0, (0.6, 0.3, 0.4)
     scene.collection.objects.link(lamp)
     if all(skinned(thing) for thing in meshes):
         bpy.ops.mesh.primitive_plane_add(size=6, location=(centre.x, centre.y, 0))
+        paint((0.2, 0.22, 0.25))
     scene.world = bpy.data.worlds.new("world")
-    scene.world.color = (0.6, 0.6, 0.6)
+    scene.world.color = (0.5, 0.5, 0.5)
+    scene.view_settings.view_transform = "Standard"  # colours as they are in the file
     scene.render.engine, scene.cycles.device, scene.cycles.samples = "CYCLES", "CPU", SAMPLES
     scene.render.resolution_x, scene.render.resolution_y = 400, 400
     scene.render.filepath = case["picture"]
@@ -167,6 +172,14 @@ def sticks(armature: Any) -> None:
         length = (tail - head).length
         bpy.ops.mesh.primitive_cone_add(radius1=0.035, radius2=0.01, depth=length, location=(head + tail) / 2)
         bpy.context.object.rotation_euler = (tail - head).to_track_quat("Z", "Y").to_euler()
+        paint((0.7, 0.35, 0.1))
+
+
+def paint(colour: tuple[float, float, float]) -> None:
+    """Give the thing that was added last a matt colour."""
+    material = bpy.data.materials.new("paint")
+    material.diffuse_color = (*colour, 1.0)
+    bpy.context.object.data.materials.append(material)
 
 
 if __name__ == "__main__":

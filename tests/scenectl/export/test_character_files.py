@@ -156,7 +156,7 @@ def test_the_room_comes_with_the_character(heroes: dict[str, Path], motion: Moti
 def test_what_cannot_be_written_is_told(heroes: dict[str, Path], motion: Motion, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"small\.glb' is no VRM, and '.*out\.vrm' would be none; write a \.glb"):
         export(motion, tmp_path / "out.vrm", character=heroes["small"])
-    with pytest.raises(UserError, match=r"VRM of our mannequin, which is none"):
+    with pytest.raises(UserError, match=r"a \.vrm file is a VRM character; give one"):
         export(motion, tmp_path / "out.vrm")
     with pytest.raises(UserError, match="joint 'nobody', stated as neck, is not in the file"):
         export(motion, tmp_path / "out.glb", character=heroes["small"], joints={"neck": "nobody"})

@@ -80,6 +80,15 @@ def test_several_motions_come_into_one_file_where_it_holds_them(several: list[An
     assert several[1][0][0].name == "one" and several[1][2].scene is not None
 
 
+@pytest.mark.parametrize(("name", "told"), [("x.bvh", True), ("x.glb", True), ("x.usd", True), ("x.csv", False)])
+def test_what_is_too_far_for_tools_is_doubted(name: str, told: bool, tmp_path: Path) -> None:
+    near = moving(12)
+    far = replace(near, joints=near.joints.double() + torch.tensor([0.0, 0.0, -4.65e6]))
+    assert not export(near, tmp_path / name).doubts
+    said = export(far, tmp_path / name).doubts
+    assert bool(said) == told and (not told or "to 0.5 m only" in said[0])
+
+
 def test_how_far_bones_moved_is_told(tmp_path: Path) -> None:
     motion = moving(12)
     joints = motion.joints.clone()

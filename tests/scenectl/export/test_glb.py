@@ -214,6 +214,23 @@ def test_at_rest_it_stands_in_the_t_pose_as_modelled(in_room: tuple[File, Motion
         np.testing.assert_allclose(file.world(joint)[:3, :3], np.eye(3), atol=1e-9)
 
 
+def test_a_person_is_a_node_that_holds_its_joints_and_nothing_else(tmp_path: Path) -> None:
+    """Blender makes an armature of what holds the joints, be it all of the scene."""
+    animations = [Animation.of(motion(1, skeleton=HUMANML3D.scaled(size))[0], "walk")[0] for size in (1.0, 0.7)]
+    write(animations, tmp_path / "a.glb", Settings(scene=room()))
+    file = File(tmp_path / "a.glb")
+    joints = [skin["joints"] for skin in file.facts["skins"]]
+    assert [file.nodes[file.parents[mine[0]]]["name"] for mine in joints] == ["person", "person 2"]
+    for mine in joints:
+        assert file.parents[mine[0]] not in file.parents
+        assert [node for node in file.parents if ancestor(file, node) == file.parents[mine[0]]] == mine
+
+
+def ancestor(file: File, node: int) -> int:
+    """The node of the scene that holds a node."""
+    return node if node not in file.parents else ancestor(file, file.parents[node])
+
+
 def test_the_skin_follows_its_joints(in_room: tuple[File, Motion, Scene]) -> None:
     """The crown stays where it is on the head, in every animation."""
     file, people, _ = in_room
@@ -258,7 +275,7 @@ def test_motions_of_several_lengths_and_rates_share_a_room(tmp_path: Path) -> No
 def test_without_a_scene_there_is_nobody_else(tmp_path: Path) -> None:
     export(motion(1), tmp_path / "a.glb")
     file = File(tmp_path / "a.glb")
-    assert len(file.facts["meshes"]) == 1 and len(file.nodes) == 23
+    assert len(file.facts["meshes"]) == 1 and len(file.nodes) == 24  # 22 joints, what holds them, and the mesh
 
 
 def test_people_of_one_body_are_one_mannequin_and_others_are_their_own(tmp_path: Path) -> None:

@@ -86,6 +86,15 @@ def test_a_floor_without_an_end_lies_under_all_that_stands_and_walks() -> None:
     assert np.ptp(things(Scene.empty(), TIMES)[0].vertices[:, 0]) >= 40.0
 
 
+@pytest.mark.parametrize("away", [(0.0, 0.0, 0.0), (5e5, 0.0, -4.65e6)])
+def test_a_floor_reaches_from_things_to_people_wherever_both_are(away: tuple[float, float, float]) -> None:
+    box = Box((away[0] + 1.0, 0.5, away[2]), (0.5, 1.0, 0.5))
+    floor = things(Scene(primitives=[box]), TIMES, PERSON + away)[-1]
+    low, high = floor.vertices.min(axis=0) - away, floor.vertices.max(axis=0) - away
+    np.testing.assert_allclose(low[[0, 2]], [-MARGIN, -0.25 - MARGIN], atol=1e-6)
+    np.testing.assert_allclose(high[[0, 2]], [1.25 + MARGIN, 3.0 + MARGIN], atol=1e-6)
+
+
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda n: np.linalg.norm(n) > 0.1), st.floats(-1.0, 1.0))
 @settings(max_examples=30, deadline=None)
 def test_planes_are_cut_to_the_room(normal: tuple[float, float, float], off: float) -> None:

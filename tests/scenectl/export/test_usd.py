@@ -142,6 +142,20 @@ def test_a_room_moves_with_the_person(up: str, unit: str, tmp_path: Path) -> Non
     np.testing.assert_allclose(np.stack([box.min(axis=0), box.max(axis=0)]), [[2.5, 0, -0.5], [3.5, 2, 0.5]], atol=1e-6)
 
 
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_things_are_flat(up: str, tmp_path: Path) -> None:
+    """Faces without normals are smooth in Blender: corners of rooms were round."""
+    export(moving(2), tmp_path / "x.usdc", scene=room(), up=up)
+    stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
+    for prim in stage.GetPrimAtPath("/World/Room").GetChildren():
+        mesh = UsdGeom.Mesh(prim)
+        points, faces = np.array(mesh.GetPointsAttr().Get()), np.array(mesh.GetFaceVertexIndicesAttr().Get())
+        a, b, c = np.moveaxis(points[faces.reshape(-1, 3)], 1, 0)
+        normals, across = np.array(mesh.GetNormalsAttr().Get()), np.cross(b - a, c - a)
+        assert mesh.GetNormalsInterpolation() == "uniform"
+        np.testing.assert_allclose(normals, across / np.linalg.norm(across, axis=1)[:, None], atol=1e-4)
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("scene", [None, room()])
 def test_the_validators_of_usd_find_nothing(preset: str, scene: Scene | None, tmp_path: Path) -> None:
