@@ -25,6 +25,8 @@ from scenes.motion.kinematics import orientations
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D, Skeleton
 
+_AT = HUMANML3D.index
+
 
 @dataclass(frozen=True, eq=False)
 class Character:
@@ -86,6 +88,28 @@ class Character:
             way.append(node)
         return way
 
+    def goes_with(self, node: int) -> list[int]:
+        """A node and all that it goes with: what it hangs on, or as `loose` says."""
+        way = [node]
+        while (node := self.loose.get(node, self.file.parents[node])) >= 0:
+            way.append(node)
+        return way
+
+    @cached_property
+    def loose(self) -> dict[int, int]:
+        """{node: what it goes with} of joints that do not hang on what they do in a body, as feet that hang on a root.
+
+        They are moved to where they would be if they did.
+        """
+        found = {}
+        for name, node in self.joints.items():
+            above = HUMANML3D.parents[_AT(name)]
+            while above >= 0 and HUMANML3D.names[above] not in self.joints:
+                above = HUMANML3D.parents[above]
+            if above >= 0 and (carrier := self.joints[HUMANML3D.names[above]]) not in self.way(node):
+                found[node] = carrier
+        return found
+
     @cached_property
     def turned(self) -> Float[np.ndarray, "22 3 3"]:
         """How its joints are turned at rest against its T-pose, in the world, by the rule that motions go by."""
@@ -104,7 +128,7 @@ class Character:
         """How high (m) the left and the right ankle stand over the sole at rest, by the triangles of the feet."""
         heights = []
         for side in ("left", "right"):
-            ankle = HUMANML3D.index(f"{side}_ankle")
+            ankle = _AT(f"{side}_ankle")
             points = self.hanging_on(self.joints[f"{side}_ankle"])
             up = self.turned[ankle][:, 1]
             heights.append(float(((self.place[ankle] - points) @ up).max()))
@@ -113,7 +137,7 @@ class Character:
     def hanging_on(self, node: int) -> Float[np.ndarray, "V 3"]:
         """Points of the surface that move with a node or with what hangs on it; of all of it where none do."""
         nodes = dict(zip(self.rig.links, self.file.joints, strict=True))
-        found = [part.placed for part in self.rig.parts if node in self.way(nodes[part.link])]
+        found = [part.placed for part in self.rig.parts if node in self.goes_with(nodes[part.link])]
         return np.concatenate(found or [part.placed for part in self.rig.parts])
 
 
