@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +16,7 @@ from scenectl.data.characters import CHARACTERS, joints_of
 from scenes.body.fit import placed, t_pose
 from scenes.body.gltf import Skinned, rig_of
 from scenes.body.rig import Rig
-from scenes.errors import UserError, clipped
+from scenes.errors import UserError
 from scenes.files import readable
 from scenes.mesh.content import told
 from scenes.motion.frames import rotations
@@ -159,28 +158,3 @@ def orthogonal(matrix: np.ndarray) -> np.ndarray:
     u, _, v = np.linalg.svd(matrix)
     nearest: np.ndarray = u @ v
     return nearest
-
-
-def load_joints(path: str | Path) -> dict[str, str]:
-    """A mapping file: TOML with a line ``our_joint = "their joint"`` for each that is stated.
-
-    Raises:
-        UserError: no such file, no TOML, a joint that is not ours, or a name that is no text.
-    """
-    path = readable(path, "mapping file")
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(
-            f"mapping file '{path}' is not TOML: {error}; write lines such as left_hip = \"LeftUpLeg\""
-        ) from error
-    for joint, name in table.items():
-        try:
-            HUMANML3D.index(joint)
-        except UserError as error:
-            raise UserError(f"mapping file '{path}': {error}") from error
-        if not isinstance(name, str):
-            raise UserError(
-                f"mapping file '{path}': {joint} is {clipped(str(name))}; give the name of a joint in quotes"
-            )
-    return table
