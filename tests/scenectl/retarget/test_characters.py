@@ -196,7 +196,7 @@ def test_joints_that_hang_elsewhere_go_with_their_body(tmp_path: Path, joints: t
         if not joint.endswith("foot"):
             np.testing.assert_allclose(worlds[:, node, :3, 3], expected.joints[:, _AT(joint)], atol=1e-9)
     measured = figures(character, found, animation)
-    assert measured["stretch_max_m"] < 1e-9 and measured["slide_max_m"] < 0.02 and measured["sink_max_m"] < 0.01
+    assert measured["stretch_max_m"] < 1e-6 and measured["slide_max_m"] < 0.02 and measured["sink_max_m"] < 0.01
 
 
 def test_neck_head_and_pelvis_are_told_by_a_spine_of_one_name(tmp_path: Path) -> None:
