@@ -50,7 +50,7 @@ def write(animations: Sequence[Animation], path: Path, settings: Settings) -> No
 
 def _tracks(played: Played) -> Tracks:
     turns = {(node, "rotation"): rotations for node, rotations in played.rotations.items()}
-    return {(played.mover, "translation"): played.translations, **turns}
+    return {**{(node, "translation"): places for node, places in played.translations.items()}, **turns}
 
 
 def _plain(document: Document, character: Character, played: Played) -> None:

@@ -165,6 +165,9 @@ class Document:
     def save(self, path: str | Path) -> None:
         """Write a GLB file, whole or not at all; raises UserError for a path that cannot be written."""
         self.gltf.buffers[0].byteLength = len(self._data)
+        for accessor in self.gltf.accessors:
+            if accessor.bufferView is None:  # sparse, or compressed: pygltflib puts a zero, and it may not have any
+                accessor.byteOffset = None
         self.gltf.set_binary_blob(bytes(self._data))
         with atomic_write(path) as out:
             out.writelines(self.gltf.save_to_bytes())

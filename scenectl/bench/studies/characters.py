@@ -80,7 +80,8 @@ def figures(character: Character, played: Played, animation: Animation) -> dict[
         if stand.joint.endswith("foot"):
             found["float_max_m"] = max(found["float_max_m"], float(low.max() - ground))
     nodes = [character.joints[name] for name in HUMANML3D.names if name in character.joints]
-    bones = [(character.file.parents[node], node) for node in nodes if node != character.mover]
+    above = {node: character.loose.get(node, character.file.parents[node]) for node in nodes}
+    bones = [(above[node], node) for node in nodes if node != character.mover]
     lengths = np.stack([np.linalg.norm(places[:, b] - places[:, a], axis=-1) for a, b in bones])
     rest = [np.linalg.norm(character.origins[b] - character.origins[a]) for a, b in bones]
     found["stretch_max_m"] = float(np.abs(lengths - np.array(rest)[:, None]).max())
@@ -94,7 +95,7 @@ def _soles(character: Character, stand: Plant) -> list[tuple[int, np.ndarray]]:
     """Nodes of a foot that stands, with the points (m, at rest) that move with each."""
     foot = character.joints[f"{stand.joint.partition('_')[0]}_ankle"]
     parts = [(character.file.joints[character.rig.index(part.link)], part.placed) for part in character.rig.parts]
-    return [(node, points) for node, points in parts if foot in character.way(node)]
+    return [(node, points) for node, points in parts if foot in character.goes_with(node)]
 
 
 def _height(character: Character, stand: Plant) -> float:

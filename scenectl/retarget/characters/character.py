@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,13 +16,15 @@ from scenectl.data.characters import CHARACTERS, joints_of
 from scenes.body.fit import placed, t_pose
 from scenes.body.gltf import Skinned, rig_of
 from scenes.body.rig import Rig
-from scenes.errors import UserError, clipped
+from scenes.errors import UserError
 from scenes.files import readable
 from scenes.mesh.content import told
 from scenes.motion.frames import rotations
 from scenes.motion.kinematics import orientations
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D, Skeleton
+
+_AT = HUMANML3D.index
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +87,28 @@ class Character:
             way.append(node)
         return way
 
+    def goes_with(self, node: int) -> list[int]:
+        """A node and all that it goes with: what it hangs on, or as `loose` says."""
+        way = [node]
+        while (node := self.loose.get(node, self.file.parents[node])) >= 0:
+            way.append(node)
+        return way
+
+    @cached_property
+    def loose(self) -> dict[int, int]:
+        """{node: what it goes with} of joints that do not hang on what they do in a body, as feet that hang on a root.
+
+        They are moved to where they would be if they did.
+        """
+        found = {}
+        for name, node in self.joints.items():
+            above = HUMANML3D.parents[_AT(name)]
+            while above >= 0 and HUMANML3D.names[above] not in self.joints:
+                above = HUMANML3D.parents[above]
+            if above >= 0 and (carrier := self.joints[HUMANML3D.names[above]]) not in self.way(node):
+                found[node] = carrier
+        return found
+
     @cached_property
     def turned(self) -> Float[np.ndarray, "22 3 3"]:
         """How its joints are turned at rest against its T-pose, in the world, by the rule that motions go by."""
@@ -104,7 +127,7 @@ class Character:
         """How high (m) the left and the right ankle stand over the sole at rest, by the triangles of the feet."""
         heights = []
         for side in ("left", "right"):
-            ankle = HUMANML3D.index(f"{side}_ankle")
+            ankle = _AT(f"{side}_ankle")
             points = self.hanging_on(self.joints[f"{side}_ankle"])
             up = self.turned[ankle][:, 1]
             heights.append(float(((self.place[ankle] - points) @ up).max()))
@@ -113,7 +136,7 @@ class Character:
     def hanging_on(self, node: int) -> Float[np.ndarray, "V 3"]:
         """Points of the surface that move with a node or with what hangs on it; of all of it where none do."""
         nodes = dict(zip(self.rig.links, self.file.joints, strict=True))
-        found = [part.placed for part in self.rig.parts if node in self.way(nodes[part.link])]
+        found = [part.placed for part in self.rig.parts if node in self.goes_with(nodes[part.link])]
         return np.concatenate(found or [part.placed for part in self.rig.parts])
 
 
@@ -135,28 +158,3 @@ def orthogonal(matrix: np.ndarray) -> np.ndarray:
     u, _, v = np.linalg.svd(matrix)
     nearest: np.ndarray = u @ v
     return nearest
-
-
-def load_joints(path: str | Path) -> dict[str, str]:
-    """A mapping file: TOML with a line ``our_joint = "their joint"`` for each that is stated.
-
-    Raises:
-        UserError: no such file, no TOML, a joint that is not ours, or a name that is no text.
-    """
-    path = readable(path, "mapping file")
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(
-            f"mapping file '{path}' is not TOML: {error}; write lines such as left_hip = \"LeftUpLeg\""
-        ) from error
-    for joint, name in table.items():
-        try:
-            HUMANML3D.index(joint)
-        except UserError as error:
-            raise UserError(f"mapping file '{path}': {error}") from error
-        if not isinstance(name, str):
-            raise UserError(
-                f"mapping file '{path}': {joint} is {clipped(str(name))}; give the name of a joint in quotes"
-            )
-    return table

@@ -8,10 +8,12 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 BENT = 0.01
 """Share of a leg by which a knee lies before the line from hip to ankle at least, where it says itself to which side it
-bends; the straighter, the more the hinge of its joint says it."""
+bends; the straighter, the more the hinge of its joint says it. The least with which legs turn no further between frames
+in `scenectl bench characters`: by 25 degrees more than the motion's; by 38 with 0.003, by 47 with 0.001."""
 STRETCH = 0.998
-"""Share of its length to which a leg is stretched by a foot that is held: knees bend by 7 degrees there. Nearer to 1
-a knee turns by tens of degrees for millimetres."""
+"""Share of its length to which a leg is stretched by a foot that is held: knees bend by 7 degrees there. Straighter,
+knees jerk more (`scenectl bench characters`, third differences: by 8 % with 0.9995); with 0.99 they jerk by 16 % less,
+and pelvises sink by 3 mm more."""
 
 
 def bent(

@@ -42,7 +42,8 @@ class Played:
     Attributes:
         rotations: by node, its local rotations as quaternions (w, x, y, z), without changes of sign, ``[T, 4]``.
         mover: the node that carries all of these.
-        translations: of the mover, in its parent's frame and unit, ``[T, 3]``.
+        translations: by node, of the mover and of loose joints (`Character.loose`), in their parents' frames and units,
+            ``[T, 3]``.
         joints: world positions (m) of our 22 joints on the character, ``[T, 22, 3]``.
         turns: world rotations of them, from rest, ``[T, 22, 3, 3]``.
         stands: where feet are held: joint, frames and the place (m) of the character's ankle or toe joint.
@@ -52,7 +53,7 @@ class Played:
 
     rotations: dict[int, Float[np.ndarray, "T 4"]]
     mover: int
-    translations: Float[np.ndarray, "T 3"]
+    translations: dict[int, Float[np.ndarray, "T 3"]]
     joints: Float[np.ndarray, "T 22 3"]
     turns: Float[np.ndarray, "T 22 3 3"]
     stands: tuple[Plant, ...]
@@ -61,14 +62,14 @@ class Played:
 
     def worlds(self, file: Gltf) -> Float[np.ndarray, "T N 4 4"]:
         """Transforms of all nodes of the character's file to the world, as whoever reads its animation finds them."""
-        frames = np.zeros((len(self.translations), len(file.nodes), 4, 4))
+        frames = np.zeros((len(self.joints), len(file.nodes), 4, 4))
         for node in file.order:
             place, turn, scale = apart(file.nodes[node])
             local = np.tile(np.eye(4), (len(frames), 1, 1))
             if node in self.rotations:
                 turn = matrices(torch.from_numpy(self.rotations[node])).numpy()
             local[:, :3, :3] = turn * scale
-            local[:, :3, 3] = self.translations if node == self.mover else place
+            local[:, :3, 3] = self.translations.get(node, place)
             above = file.parents[node]
             frames[:, node] = local if above < 0 else frames[:, above] @ local
         return frames
@@ -128,11 +129,11 @@ class _Figure:
         return self.roots + self._from_mover(node) - self._from_mover(self.character.joints["pelvis"])
 
     def _from_mover(self, node: int) -> np.ndarray:
-        way, rest = self.character.way(node), self.character.origins
-        way = way[: way.index(self.character.mover) + 1]
-        place = np.zeros_like(self.roots)
-        for child, parent in zip(way, way[1:], strict=False):
-            place = place + self.turn(parent) @ (rest[child] - rest[parent])
+        character, place = self.character, np.zeros_like(self.roots)
+        while node != character.mover:
+            parent = character.loose.get(node, self.parents[node])
+            place = place + self.turn(parent) @ (character.origins[node] - character.origins[parent])
+            node = parent
         return place
 
     def joints(self) -> np.ndarray:
@@ -176,16 +177,27 @@ class _Figure:
                 self.turns[:, joint] = swing @ self.turns[:, joint]
         return stands, float(down.max(initial=0.0))
 
-    def locals(self) -> tuple[dict[int, np.ndarray], np.ndarray]:
-        """Rotations of nodes that turn, against their parents, and places of the mover in its parent's frame."""
+    def locals(self) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
+        """Rotations of nodes that turn, against their parents, and places in them of those that move."""
         file, mover = self.character.file, self.character.mover
         moving = sorted({*self.named, mover}, key=file.order.index)
         turns = np.stack([self._local(node) for node in moving], axis=1)
         quaternions = steady(unit_quaternions(torch.from_numpy(turns))).numpy()
-        above = self.parents[mover]
-        frame = np.linalg.inv(file.world[above]) if above >= 0 else np.eye(4)
-        translations = self.at(mover) @ frame[:3, :3].T + frame[:3, 3]
+        translations = {node: self._place(node) for node in moving if node == mover or node in self.character.loose}
         return dict(zip(moving, quaternions.transpose(1, 0, 2), strict=True)), translations
+
+    def _place(self, node: int) -> np.ndarray:
+        """Positions of a node in its parent's frame, ``[T, 3]``."""
+        file, above = self.character.file, self.parents[node]
+        place = self.at(node)
+        if above < 0:
+            return place
+        inverse = np.linalg.inv(file.world[above][:3, :3])
+        if node == self.character.mover:  # what it hangs on stays
+            moved: np.ndarray = (place - file.world[above][:3, 3]) @ inverse.T
+            return moved
+        moved = ((place - self.at(above))[:, None] @ self.turn(above))[:, 0] @ inverse.T
+        return moved
 
     def _local(self, node: int) -> np.ndarray:
         """Rotations of a node in its parent's frame, ``[T, 3, 3]``."""

@@ -99,6 +99,19 @@ def test_a_second_reader_finds_joints_and_times(
                 np.testing.assert_allclose(found[node], played.joints[frame, HUMANML3D.index(joint)], atol=1e-3)
 
 
+def test_accessors_without_a_view_get_no_offset(motion: Motion, tmp_path: Path) -> None:
+    file = small()
+    mesh = file.facts["meshes"][0]["primitives"][0]
+    count = file.facts["accessors"][mesh["attributes"]["POSITION"]]["count"]
+    nothing = {"componentType": 5126, "type": "VEC3", "count": count, "min": [0.0] * 3, "max": [0.0] * 3}
+    mesh["targets"] = [{"POSITION": len(file.facts["accessors"])}]
+    file.facts["accessors"].append(nothing)  # a morph that is nothing yet, as Blender writes them: sparse, or bare
+    export(motion, tmp_path / "out.glb", character=file.save(tmp_path / "morph.glb"))
+    written = facts_of(tmp_path / "out.glb")
+    assert written["meshes"][0]["primitives"][0]["targets"] == mesh["targets"]
+    assert "byteOffset" not in written["accessors"][mesh["targets"][0]["POSITION"]]
+
+
 @pytest.mark.parametrize("name", ["small", "tall"])
 def test_all_that_the_file_held_is_still_there(
     heroes: dict[str, Path], motion: Motion, tmp_path: Path, name: str

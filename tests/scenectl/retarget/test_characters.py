@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from scenectl.bench.studies.characters import bench_characters, figures
 from scenectl.data.characters import character_body
 from scenectl.export.animation import Animation
-from scenectl.retarget.characters.character import Character, load_joints
+from scenectl.retarget.characters.character import Character
 from scenectl.retarget.characters.playing import Played, play
 from scenes.body.gltf import read_rig
 from scenes.errors import UserError
@@ -173,6 +173,62 @@ def test_spines_are_told_by_the_tree_and_toes_may_be_missing(tmp_path: Path) -> 
     assert figures(character, result, animation)["stretch_max_m"] < 1e-9
 
 
+@pytest.mark.parametrize("joints", [("Foot",), ("UpLeg", "Shoulder"), ("Arm", "Foot", "Head")])
+def test_joints_that_hang_elsewhere_go_with_their_body(tmp_path: Path, joints: tuple[str, ...]) -> None:
+    whole, apart, animation = small(), small(), walk(2.0)
+    at = Character.load(whole.save(tmp_path / "whole.glb")).origins
+    nodes = apart.facts["nodes"]
+    for k, node in enumerate(nodes):
+        if str(node.get("name")).removeprefix("mixamorig:").removeprefix("Left").removeprefix("Right") in joints:
+            above = next(n for n in nodes if k in n.get("children", ()))
+            above["children"].remove(k)
+            nodes[1]["children"].append(k)
+            node["translation"] = (at[k] - at[1]).tolist()
+    for node in nodes:
+        if node.get("children") == []:
+            del node["children"]
+    apart.save(tmp_path / "apart.glb")
+    (_, expected), (character, found) = (played(tmp_path / f"{name}.glb", animation) for name in ("whole", "apart"))
+    assert len(character.loose) >= len(joints)
+    np.testing.assert_allclose(found.joints, expected.joints, atol=1e-9)
+    worlds = found.worlds(character.file)
+    for joint, node in character.joints.items():
+        if not joint.endswith("foot"):
+            np.testing.assert_allclose(worlds[:, node, :3, 3], expected.joints[:, _AT(joint)], atol=1e-9)
+    measured = figures(character, found, animation)
+    assert measured["stretch_max_m"] < 1e-6 and measured["slide_max_m"] < 0.02 and measured["sink_max_m"] < 0.01
+
+
+def test_neck_head_and_pelvis_are_told_by_a_spine_of_one_name(tmp_path: Path) -> None:
+    file = small()
+    spine = ("Hips", "Spine", "Spine1", "Spine2", "Neck", "Head")
+    for node in file.facts["nodes"]:
+        name = str(node.get("name")).removeprefix("mixamorig:")
+        if name in spine:
+            node["name"] = f"DEF-spine.{spine.index(name):03}"
+        elif name != str(node.get("name")):
+            node["name"] = f"DEF-{name}"
+    character = Character.load(file.save(tmp_path / "spine.glb"))
+    names = {joint: character.file.nodes[node]["name"] for joint, node in character.joints.items()}
+    ours = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
+    assert [names[joint] for joint in ours] == [f"DEF-spine.{k:03}" for k in range(6)]
+
+
+def test_the_pelvis_is_what_spine_and_legs_hang_on(tmp_path: Path) -> None:
+    file = small()
+    nodes = file.facts["nodes"]
+    hips = next(node for node in nodes if node.get("name") == "mixamorig:Hips")
+    legs = [k for k in hips["children"] if nodes[k]["name"].endswith("UpLeg")]
+    hips["children"] = [*(k for k in hips["children"] if k not in legs), len(nodes)]
+    hips["name"] = "mixamorig:Hip"
+    nodes.append({"name": "mixamorig:Pelvis", "children": legs})
+    file.facts["skins"][0]["joints"].append(len(nodes) - 1)
+    inverse = file.facts["accessors"][file.facts["skins"][0].pop("inverseBindMatrices")]
+    assert inverse["count"] == len(file.facts["skins"][0]["joints"]) - 1
+    character = Character.load(file.save(tmp_path / "two.glb"))
+    assert character.file.nodes[character.joints["pelvis"]]["name"] == "mixamorig:Hip"
+
+
 def test_the_bench_has_a_row_for_each_character_and_motion(rigs: dict[str, Path], tmp_path: Path) -> None:
     np.savez(tmp_path / "walk.npz", joints=walk(2.0).joints.astype(np.float32), fps=20.0)
     result = bench_characters([*rigs.values()], [tmp_path / "walk.npz"])
@@ -200,27 +256,11 @@ def test_characters_that_cannot_play_are_told(tmp_path: Path) -> None:
 def test_a_mapping_says_which_is_which(tmp_path: Path) -> None:
     names = [f"limb{j}" for j in range(22)]
     path = hero(TALL, names).save(tmp_path / "creature.glb")
-    lines = "\n".join(f'{joint} = "{name}"' for joint, name in zip(HUMANML3D.names, names, strict=True))
-    (tmp_path / "joints.toml").write_text(lines)
-    stated = load_joints(tmp_path / "joints.toml")
+    stated = dict(zip(HUMANML3D.names, names, strict=True))
     character = Character.load(path, stated)
     assert [character.file.nodes[character.joints[j]]["name"] for j in HUMANML3D.names] == names
     with pytest.raises(UserError, match="joint 'limb99', stated as neck, is not in the file; did you mean 'limb9'"):
         Character.load(path, {**stated, "neck": "limb99"})
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("left_hip: LeftUpLeg", "is not TOML"),
-        ('left_hipp = "LeftUpLeg"', "unknown joint 'left_hipp'.*did you mean 'left_hip'"),
-        ("left_hip = 3", "left_hip is 3; give the name of a joint in quotes"),
-    ],
-)
-def test_mapping_files_that_cannot_be_read_are_told(tmp_path: Path, text: str, said: str) -> None:
-    (tmp_path / "joints.toml").write_text(text)
-    with pytest.raises(UserError, match=f"mapping file .*joints.toml.*{said}"):
-        load_joints(tmp_path / "joints.toml")
 
 
 def test_vrm_extensions_that_are_broken_are_told(tmp_path: Path) -> None:
