@@ -9,11 +9,9 @@ import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import doubt
-from scenectl.console.options import MotionFile, SceneFile, motion_read, scene_of
+from scenectl.console.options import FromFps, FromUnit, FromUp, Joints, MotionFile, SceneFile, motion_read, scene_of
 from scenectl.console.results import show_exported
 from scenes.errors import UserError
-
-_FOREIGN = "Of MOTION, where its file does not say"
 
 
 def export(
@@ -38,17 +36,15 @@ def export(
     character: Annotated[
         Path | None, typer.Option(metavar="FILE", help="A skinned character (.glb, .vrm) that plays the motion.")
     ] = None,
-    joints: Annotated[
-        Path | None,
-        typer.Option(metavar="MAPPING", help="TOML or JSON: {our joint: the character's}, where names don't tell."),
-    ] = None,
-    from_fps: Annotated[float | None, typer.Option(help=f"{_FOREIGN}: frames a second.")] = None,
-    from_unit: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: m, cm, mm, in or ft.")] = None,
-    from_up: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: the axis that is up, x, y or z.")] = None,
+    joints: Joints = None,
+    from_fps: FromFps = None,
+    from_unit: FromUnit = None,
+    from_up: FromUp = None,
 ) -> None:
     """Write a motion as a file that other tools open: BVH, glTF, USD, CSV or NumPy."""
     with importing():
         from scenectl.data.formats.motions import one_of
+        from scenectl.data.joint_names import read_mapping
         from scenectl.export.export import check, export as write
         from scenectl.export.settings import Settings
 
@@ -58,7 +54,7 @@ def export(
         raise UserError("--all and --sample exclude each other; leave one out")
     if motion.is_dir() and (from_fps, from_unit, from_up) != (None, None, None):
         raise UserError(f"--from-... are for files of others, and '{motion}' is a result; leave them out")
-    mapping = None if joints is None else _mapping(joints)
+    mapping = None if joints is None else read_mapping(joints)
     stated: dict[str, Any] = {"fps": fps, "names": names, "up": up, "unit": unit, "layout": layout}
     settings = Settings(root_motion=root_motion == "on", character=character, joints=mapping, **stated)
     check(settings, output)
@@ -68,19 +64,3 @@ def export(
     if room is not None and room_of is not None:  # a result's own was doubted when it was made
         doubt(room_of.doubts_so_far)
     show_exported(write(made, output, settings, scene=room_of))
-
-
-def _mapping(path: Path) -> dict[str, str]:
-    """{our joint: theirs} of a TOML or JSON file; raises UserError for anything else."""
-    from scenes.files import read_json, read_toml
-    from scenes.motion.skeleton import HUMANML3D
-
-    what = "joint mapping"
-    table = read_json(path, what, "correct it") if path.suffix.lower() == ".json" else read_toml(path, what)
-    if not isinstance(table, dict) or not all(isinstance(name, str) for name in table.values()):
-        raise UserError(f"{what} '{path}' is no table of names; write lines such as left_knee = \"LeftLeg\"")
-    try:
-        HUMANML3D.indices([*table])
-    except UserError as error:
-        raise UserError(f"{what} '{path}': {error}") from error
-    return table

@@ -9,7 +9,7 @@ import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import doubt, err, out, table
-from scenectl.console.options import MotionFile, SceneFile, motion_read, scene_of
+from scenectl.console.options import FromFps, FromUnit, FromUp, Joints, MotionFile, SceneFile, motion_read, scene_of
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from scenectl.retarget.robots.trajectory import Trajectory
     from scenes.motion.motion import Motion
     from scenes.world.scene import Scene
-
-_FOREIGN = "Of MOTION, where its file does not say"
 
 
 def retarget(
@@ -36,10 +34,7 @@ def retarget(
     layout: Annotated[
         str, typer.Option(help="Of FILE: named; lafan1 (.csv); gmr, mjlab or isaaclab (.npz).")
     ] = "named",
-    joints: Annotated[
-        Path | None,
-        typer.Option(metavar="MAPPING", help="TOML: which body is which of our joints, where names don't tell."),
-    ] = None,
+    joints: Joints = None,
     speed: Annotated[
         float | None, typer.Option(help="Largest speed of joints (rad/s) whose file states none; 3 pi by default.")
     ] = None,
@@ -53,17 +48,19 @@ def retarget(
     report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the feasibility report as JSON.")] = None,
     png: Annotated[Path | None, typer.Option(help="Draw the robot in its scene.")] = None,
     gif: Annotated[Path | None, typer.Option(help="Animate the robot in its scene.")] = None,
-    from_fps: Annotated[float | None, typer.Option(help=f"{_FOREIGN}: frames a second.")] = None,
-    from_unit: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: m, cm, mm, in or ft.")] = None,
-    from_up: Annotated[str | None, typer.Option(help=f"{_FOREIGN}: the axis that is up, x, y or z.")] = None,
+    from_fps: FromFps = None,
+    from_unit: FromUnit = None,
+    from_up: FromUp = None,
 ) -> None:
     """Make a humanoid robot follow a motion, within the ranges and speeds of its joints."""
     with importing():
         from scenectl.data.formats.motions import one_of
+        from scenectl.data.joint_names import read_mapping
         from scenectl.retarget.robots.dynamics import torques_of
         from scenectl.retarget.robots.files import check
         from scenectl.retarget.robots.humanoid import SPEED
         from scenectl.retarget.robots.robot import Robot
+        from scenes.files import read_toml
 
     if output is not None:
         check(output, layout)
@@ -72,9 +69,10 @@ def retarget(
     if room is not None and scene is False:
         raise UserError(f"--no-scene leaves out '{room}'; leave one of them out")
     around = scene_of(motion, room) if scene or room or (scene is None and _is_result(motion)) else None
-    machine = Robot(robot, _table(joints, _MAPPING), SPEED if speed is None else speed)
+    mapping = None if joints is None else read_mapping(joints)
+    machine = Robot(robot, mapping, SPEED if speed is None else speed)
     doubt(machine.doubts)
-    limits = _table(torques, _TORQUES) or {}
+    limits = {} if torques is None else read_toml(torques, "torque file")
     torques_of(machine, limits)
     made = motion_read(motion, from_fps, from_unit, from_up)
     several = every and made.joints.ndim == 4 and len(made.joints) > 1
@@ -120,21 +118,6 @@ def _followed(
     if output is not None:
         write(trajectory, output, layout)
         out.print(f"wrote {output}")
-
-
-_MAPPING = "joint mapping", str, 'left_knee = "shin_l"'
-_TORQUES = "torque file", (int, float), "left_knee_joint = 139"
-
-
-def _table(path: Path | None, what: tuple[str, Any, str]) -> dict[str, Any] | None:
-    """A TOML file that has one kind of value; raises UserError for others."""
-    from scenes.files import read_toml
-
-    name, kind, example = what
-    table = None if path is None else read_toml(path, name)
-    if table is not None and not all(isinstance(value, kind) for value in table.values()):
-        raise UserError(f"{name} '{path}' has other values than it should; write lines such as {example}")
-    return table
 
 
 def _is_result(motion: Path) -> bool:

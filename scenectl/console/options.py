@@ -23,6 +23,15 @@ SceneFile = Annotated[
 Fps = Annotated[float | None, typer.Option(help="Frames a second of the motion, where its file does not say.")]
 Unit = Annotated[str | None, typer.Option(help="Of the file: m, cm, mm, in or ft.")]
 Up = Annotated[str | None, typer.Option(help="The file's axis that is up: x, y or z.")]
+_FOREIGN = "Of MOTION, where its file does not say"
+FromFps = Annotated[float | None, typer.Option(help=f"{_FOREIGN}: frames a second.")]
+FromUnit = Annotated[str | None, typer.Option(help=f"{_FOREIGN}: m, cm, mm, in or ft.")]
+FromUp = Annotated[str | None, typer.Option(help=f"{_FOREIGN}: the axis that is up, x, y or z.")]
+"""For commands whose --fps, --unit and --up are about what they write."""
+Joints = Annotated[
+    Path | None,
+    typer.Option(metavar="MAPPING", help="TOML or JSON: {our joint: theirs}, where names don't tell."),
+]
 AllowCode = Annotated[
     Path | None, typer.Option("--allow-code", metavar="FILE.py", help="Run this file for its @goal functions.")
 ]

@@ -11,8 +11,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from scenes.errors import UserError, did_you_mean
+from scenes.files import read_json, read_toml
 from scenes.motion.skeleton import HUMANML3D
 
 # The order matters: a joint takes the first part that is there and not taken by a joint above it.
@@ -83,6 +85,19 @@ def refuse_missing(found: Mapping[str, int], names: Sequence[str]) -> None:
             f"no joint found for {', '.join(missing)} among {listed(names)}; "
             "rename them or state which is which in `joints`"
         )
+
+
+def read_mapping(path: str | Path) -> dict[str, str]:
+    """{our joint: theirs} of a TOML or JSON file; raises UserError for anything else."""
+    what, path = "joint mapping", Path(path)
+    table = read_json(path, what, "correct it") if path.suffix.lower() == ".json" else read_toml(path, what)
+    if not isinstance(table, dict) or not all(isinstance(name, str) for name in table.values()):
+        raise UserError(f"{what} '{path}' is no table of names; write lines such as left_knee = \"LeftLeg\"")
+    try:
+        HUMANML3D.indices([*table])
+    except UserError as error:
+        raise UserError(f"{what} '{path}': {error}") from error
+    return table
 
 
 def listed(names: Sequence[str]) -> str:

@@ -83,7 +83,7 @@ def test_torques_are_those_stated_and_a_scene_is_stayed_out_of(scenectl: Run, mo
         (("-o", "a.csv", "--layout", "gmr"), "no layout 'gmr'"),
         (("--fps", "0"), "frames a second"),
         (("--sample", "1"), "holds one motion"),
-        (("--joints", "map.toml"), 'write lines such as left_knee = "shin_l"'),
+        (("--joints", "map.toml"), 'write lines such as left_knee = "LeftLeg"'),
         (("--torques", "knees.toml"), "no joint of 'small.xml'"),
         (("--torques", "none.toml"), "torque file"),
         (("--all", "--sample", "0"), "exclude each other"),
