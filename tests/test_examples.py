@@ -49,6 +49,20 @@ def test_run_a_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtu
     assert (tmp_path / "out" / "preview.png").is_file()
 
 
+def test_take_it_away(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    from scenectl.generators import load_generator
+    from tests.scenectl.retarget.robots.humanoids import mjcf, person, saved
+
+    try:
+        load_generator()
+    except UserError as error:
+        pytest.skip(f"needs the shipped weights: {error}")
+    run("05_take_it_away.py", monkeypatch, str(tmp_path), str(saved(tmp_path, mjcf(person()))))
+    said = capsys.readouterr().out
+    assert "walk.bvh: 59 frames of 22 joints" in said and "small: 98 frames, feet slide" in said
+    assert {path.name for path in tmp_path.iterdir()} >= {"walk.glb", "walk.bvh", "walk.npz"}
+
+
 def test_the_cart_is_what_its_script_makes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from scenes.mesh.mesh import load_mesh
 

@@ -44,7 +44,7 @@ class Humanoid:
         doubts: what whoever gave the file should hear about how it was read, one sentence each.
     """
 
-    def __init__(self, file: str | Path, joints: Mapping[str, str] | None = None, speed: float = SPEED) -> None:
+    def __init__(self, file: str | Path, joints: Mapping[str, str] | None = None, speed: float | int = SPEED) -> None:
         """Read an MJCF or a URDF.
 
         Args:

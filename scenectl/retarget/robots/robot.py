@@ -35,7 +35,7 @@ class Robot(Humanoid):
     def retarget(
         self,
         motion: Motion,
-        fps: float = FPS,
+        fps: float | int = FPS,
         scene: Scene | None = None,
         tasks: Sequence[Any] = (),
         limits: Sequence[Any] = (),
@@ -58,6 +58,7 @@ class Robot(Humanoid):
             raise UserError(f"{fps:g} frames a second are no rate for a robot; give 1 to 1000")
         if motion.joints.ndim == 4:
             return [self.retarget(motion[i], fps, scene, tasks, limits) for i in range(len(motion.joints))]
-        wanted = targets(resampled(motion, fps), self.points)
-        qpos = clear(lambda *avoid: solved(self, wanted, tasks, limits, *avoid), self, fps, scene, motion.t0)
-        return Trajectory(self, qpos, fps, wanted.source, wanted.plants, motion.t0)
+        rate = float(fps)
+        wanted = targets(resampled(motion, rate), self.points)
+        qpos = clear(lambda *avoid: solved(self, wanted, tasks, limits, *avoid), self, rate, scene, motion.t0)
+        return Trajectory(self, qpos, rate, wanted.source, wanted.plants, motion.t0)
