@@ -13,8 +13,8 @@ STILL = 0.25
 """Metres a second, for an adult: below it a foot stands.
 
 In walks the balls of feet move at 0.04 m/s most often while they stand, and at 4 while they swing; the valley between
-is flat from 0.11 to 0.42 m/s (`scenectl bench plants`). This is in its middle. With 0.15 a quarter of the frames of
-generated walks had no foot that stands, with 0.25 a tenth."""
+is flat from 0.11 to 0.42 m/s (`scenectl bench plants`). This is in its middle, so
+that feet of generated people, which glide a little, stand too."""
 SHORTEST = 0.1
 """Seconds that a foot stands at least."""
 POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")
