@@ -375,7 +375,7 @@ def test_large_textures_are_shrunk_and_huge_ones_not_decoded(tmp_path: Path, mon
     assert {tuple(colour) for colour in small} >= {(30, 30, 200), (200, 30, 30)}
     large = face_colours(load_mesh(textured(tmp_path / "large.glb", 3000)))
     assert np.abs(large.astype(int) - small).max() <= 2
-    monkeypatch.setattr("scenectl.view.shapes._PIXELS", 10**6)
+    monkeypatch.setattr("scenes.mesh.colours._PIXELS", 10**6)
     decoded: list[object] = []
     monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.load", lambda self: decoded.append(self))
     huge = face_colours(load_mesh(tmp_path / "large.glb"))
