@@ -26,6 +26,9 @@ def robots(
     walks: Annotated[int, typer.Option(min=1, help="Walks in all scans.")] = 10,
     samples: Annotated[int, typer.Option(min=1, help="Motions for each walk; the best is followed.")] = 1,
     fps: Annotated[float, typer.Option(help="Frames a second of the trajectories.")] = 50.0,
+    pictures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Draw each motion into this folder; takes seconds each.")
+    ] = None,
     seed: Seed = 0,
     weights: Weights = "default",
     generator: Generator = GENERATOR,
@@ -35,11 +38,14 @@ def robots(
     """Robots that follow motions: how far from them, within which limits, and how fast."""
     from scenectl.bench.studies.robots import Walks, bench_robots
     from scenectl.retarget.robots.robot import Robot
+    from scenes.files import writable_folder
 
     machine = Robot(robot)
+    if pictures is not None:
+        writable_folder(pictures)
 
     def bench(made: Walks | None, engine: Engine) -> Result:
-        return bench_robots(machine, data, split, motions, files or (), fps, engine, made)
+        return bench_robots(machine, data, split, motions, files or (), fps, engine, made, pictures)
 
     if scans:
         chosen: Any = scans

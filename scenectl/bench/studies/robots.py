@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -64,6 +65,7 @@ def bench_robots(
     fps: float = FPS,
     engine: Engine = ENGINE,
     walks: Walks | None = None,
+    pictures: Path | None = None,
 ) -> Result:
     """Make a robot follow motions.
 
@@ -76,6 +78,7 @@ def bench_robots(
         fps: frames a second of the trajectories.
         engine: tells progress, keeps rows and goes on from them.
         walks: to make and to follow as well, out of the way of their scans.
+        pictures: a folder for a picture of each motion; None for none.
 
     Returns:
         ``{"summary", "rows"}``: a row for each motion. Metres are medians over its frames, but for slides, depths and
@@ -93,7 +96,7 @@ def bench_robots(
         motion = load_motion(path)
         several = motion.joints.ndim == 4
         cases += [(f"{path} {i}", motion[i]) for i in range(len(motion.joints))] if several else [(str(path), motion)]
-    made = [(name, partial(_followed, robot, name, motion, fps)) for name, motion in cases]
+    made = [(name, partial(_followed, robot, name, motion, fps, pictures)) for name, motion in cases]
     settings: dict[str, object] = {
         "bench": "robots",
         "robot": robot.source,
@@ -103,17 +106,19 @@ def bench_robots(
     }
     if walks is not None:
         settings |= {"scans": walks.scans, "walks": walks.count, "seed": walks.seed, "samples": walks.samples}
-        made += [(name, partial(_walked, robot, walks, *walk, fps)) for name, walk in walks.cases(robot)]
+        made += [(name, partial(_walked, robot, walks, *walk, fps, pictures)) for name, walk in walks.cases(robot)]
     return engine.run(made, lambda case: [case()], _summary, settings)
 
 
-def _followed(robot: Robot, name: str, motion: Motion, fps: float) -> Row:
+def _followed(robot: Robot, name: str, motion: Motion, fps: float, pictures: Path | None) -> Row:
     begin = time.perf_counter()
     trajectory = robot.retarget(motion, fps)
-    return _row(RECORDED, name, trajectory, time.perf_counter() - begin)
+    row = _row(RECORDED, name, trajectory, time.perf_counter() - begin)
+    _draw(trajectory, None, name, pictures)
+    return row
 
 
-def _walked(robot: Robot, walks: Walks, room: Room, number: int, task: Task, fps: float) -> Row:
+def _walked(robot: Robot, walks: Walks, room: Room, number: int, task: Task, fps: float, pictures: Path | None) -> Row:
     begin, busy = time.perf_counter(), time.process_time()
     setup = task.build(walks.seed + number, scene=room.scene, spec=walks.generator.spec)
     made = run(task, walks.samples, walks.seed + number, walks.generator, setup=setup, scorer=room.scorer)
@@ -121,7 +126,20 @@ def _walked(robot: Robot, walks: Walks, room: Room, number: int, task: Task, fps
     trajectory = robot.retarget(made.motion[0], fps, room.scene)
     took = time.perf_counter() - between
     spent = {"generate_s": between - begin, "cpu_s": time.process_time() - busy}
-    return _row(WALK, f"{room.name} {number}", trajectory, took, room.scene) | spent
+    name = f"{room.name} {number}"
+    row = _row(WALK, name, trajectory, took, room.scene) | spent
+    _draw(trajectory, room.scene, name, pictures)
+    return row
+
+
+def _draw(trajectory: Trajectory, scene: Scene | None, name: str, pictures: Path | None) -> None:
+    """The picture of a motion, as `scenectl retarget --png` draws it, if there is a folder for it."""
+    if pictures is None:
+        return
+    from scenectl.view.robots import Replay, lowest
+
+    replay = Replay(trajectory, Scene.empty(lowest(trajectory)) if scene is None else scene)
+    replay.draw(pictures / f"{re.sub('[^A-Za-z0-9._-]+', '_', name)}.png")
 
 
 def _row(kind: str, name: str, trajectory: Trajectory, took: float, scene: Scene | None = None) -> Row:

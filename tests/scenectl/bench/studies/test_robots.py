@@ -37,8 +37,9 @@ def test_walks_in_scans_are_made_at_the_size_of_the_robot_and_stay_out_of_them(t
     walks = Walks(TinyGenerator(), [tmp_path / "room.ply"], count=2)
     for _, (_, _, task) in walks.cases(robot):
         assert Body(robot.points, task.load_body().skeleton).legs == pytest.approx(1)
-    result = bench_robots(robot, None, walks=walks)
+    result = bench_robots(robot, None, walks=walks, pictures=tmp_path)
     rows, summary = result["rows"], result["summary"]["walk"]
     assert [row["name"] for row in rows] == ["room 0", "room 1"] and summary["motions"] == 2
     assert summary["largest_scene_m"] == max(row["scene_m"] for row in rows) < 0.02
+    assert (tmp_path / "room_0.png").is_file() and (tmp_path / "room_1.png").is_file()
     assert summary["targets_per_minute"] > 0 and summary["median_cpu_s"] > 0
