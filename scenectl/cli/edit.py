@@ -20,6 +20,7 @@ from scenectl.console.options import (
     Unit,
     Up,
     allow,
+    is_result,
     motion_read,
 )
 from scenectl.console.results import drawn, leave, show_samples
@@ -125,7 +126,7 @@ def _task(motion: Path, file: Path | None) -> Task | None:
 
     if file is not None:
         return load_task(file)
-    return task_of(load_result(motion)[1]) if (motion / "report.json").is_file() else None
+    return task_of(load_result(motion)[1]) if is_result(motion) else None
 
 
 def _mask(motion: Motion, regenerate: list[str], keep: list[str]) -> Bool[Tensor, " T"]:

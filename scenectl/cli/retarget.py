@@ -9,7 +9,17 @@ import typer
 
 from scenectl.cli.clock import importing
 from scenectl.console.console import doubt, err, out, table
-from scenectl.console.options import FromFps, FromUnit, FromUp, Joints, MotionFile, SceneFile, motion_read, scene_of
+from scenectl.console.options import (
+    FromFps,
+    FromUnit,
+    FromUp,
+    Joints,
+    MotionFile,
+    SceneFile,
+    is_result,
+    motion_read,
+    scene_of,
+)
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -68,7 +78,7 @@ def retarget(
         raise UserError("--all and --sample exclude each other; leave one out")
     if room is not None and scene is False:
         raise UserError(f"--no-scene leaves out '{room}'; leave one of them out")
-    around = scene_of(motion, room) if scene or room or (scene is None and _is_result(motion)) else None
+    around = scene_of(motion, room) if scene or room or (scene is None and is_result(motion)) else None
     mapping = None if joints is None else read_mapping(joints)
     machine = Robot(robot, mapping, SPEED if speed is None else speed)
     doubt(machine.doubts)
@@ -120,18 +130,13 @@ def _followed(
         out.print(f"wrote {output}")
 
 
-def _is_result(motion: Path) -> bool:
-    return (motion / "report.json").is_file()
-
-
 def _draw(trajectory: Trajectory, scene: Scene | None, png: Path | None, gif: Path | None) -> None:
     """The pictures that were asked for."""
     if png is None and gif is None:
         return
-    from scenectl.view.robots import Replay, lowest
-    from scenes.world.scene import Scene
+    from scenectl.view.robots import Replay
 
-    replay = Replay(trajectory, scene if scene is not None else Scene.empty(lowest(trajectory)))
+    replay = Replay.of(trajectory, scene)
     for path, draw in ((png, replay.draw), (gif, replay.animate)):
         if path is not None:
             with err.status("drawing"):

@@ -67,6 +67,11 @@ def motion_read(path: Path, fps: float | None, unit: str | None, up: str | None)
     return reading.motion
 
 
+def is_result(motion: Path) -> bool:
+    """Whether it is a folder that `scenectl run` wrote, whose report tells of a task."""
+    return (motion / "report.json").is_file()
+
+
 def scene_of(motion: Path, room: str | None) -> Scene:
     """The scene in a file or of a name, or else that of a result's report; raises UserError where there is none."""
     from scenectl.pipeline.results import load_result, task_of
@@ -74,7 +79,7 @@ def scene_of(motion: Path, room: str | None) -> Scene:
 
     if room is not None:
         return named_scene(room)
-    if not (motion / "report.json").is_file():
+    if not is_result(motion):
         raise UserError(f"'{motion}' is no result whose report tells of a scene; give its file, as in --scene room.glb")
     return task_of(load_result(motion)[1]).load_scene()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,6 +18,7 @@ from scenes.motion.fitting import fitted
 from scenes.motion.kinematics import forward
 from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
+from scenes.motion.rotations import steady
 from scenes.motion.skeleton import FEET, HUMANML3D, Skeleton
 from scenes.motion.sound import check_rate
 
@@ -109,7 +111,7 @@ class Animation:
         turns = [_scipy(self.rotations[:, 0])]
         for joint, parent in enumerate(self.skeleton.parents[1:], 1):
             turns.append(turns[parent] * _scipy(self.rotations[:, joint]))
-        return _steady(np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1))
+        return _steady(turns)
 
     def resampled(self, fps: float | int) -> Animation:
         """The same at another rate: rotations by slerp, roots by a cubic spline; the last frame still reached is last.
@@ -128,11 +130,10 @@ class Animation:
         at = np.arange(int(self.times[-1] * fps + 1e-6) + 1) / fps
         at = np.minimum(at, self.times[-1])
         turns = [Slerp(self.times, _scipy(self.rotations[:, joint]))(at) for joint in range(self.rotations.shape[1])]
-        rotations = np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1)
         roots, hips = CubicSpline(self.times, self.roots)(at), None
         if self.hips is not None:
             hips = CubicSpline(self.times, self.hips)(at)
-        return replace(self, rotations=_steady(rotations), roots=roots, hips=hips, fps=float(fps))
+        return replace(self, rotations=_steady(turns), roots=roots, hips=hips, fps=float(fps))
 
     def in_place(self) -> Animation:
         """The same without root motion: the root stays over the place of its first frame, and rises and sinks."""
@@ -153,7 +154,7 @@ class Animation:
         return replace(
             self,
             skeleton=replace(self.skeleton, offsets=tuple(zip(x, y, z, strict=True))),
-            rotations=_steady(np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1)),
+            rotations=_steady(turns),
             roots=across.apply(self.roots),
             hips=None if self.hips is None else across.apply(self.hips),
         )
@@ -163,10 +164,10 @@ def _scipy(rotations: Float[np.ndarray, "T 4"]) -> Rotation:
     return Rotation.from_quat(rotations, scalar_first=True)
 
 
-def _steady(rotations: Float[np.ndarray, "T J 4"]) -> Float[np.ndarray, "T J 4"]:
-    same = (rotations[1:] * rotations[:-1]).sum(-1, keepdims=True) >= 0
-    signs = np.concatenate([np.ones_like(rotations[:1, :, :1]), np.where(same, 1.0, -1.0)]).cumprod(axis=0)
-    return rotations * signs
+def _steady(turns: Sequence[Rotation]) -> Float[np.ndarray, "T J 4"]:
+    """Quaternions (w, x, y, z) of each joint's rotations, without changes of sign."""
+    quaternions: np.ndarray = np.stack([turn.as_quat(scalar_first=True) for turn in turns], axis=1)
+    return steady(torch.from_numpy(quaternions)).numpy()
 
 
 def _on_bones(motion: Motion) -> tuple[Motion, float]:

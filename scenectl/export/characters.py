@@ -25,11 +25,8 @@ def write(animations: Sequence[Animation], path: Path, settings: Settings) -> No
     Animations that the file holds already stay, but for those of the same names. The character rests as it did.
 
     Raises:
-        UserError: what `Character.load` refuses; names of a preset, which are the character's own; a VRM file of what
-            is none; a path that cannot be written.
+        UserError: what `Character.load` refuses; a VRM file of what is none; a path that cannot be written.
     """
-    if settings.names != Settings().names:
-        raise UserError(f"names '{settings.names}' are for our mannequin; a character keeps its own, leave them out")
     assert settings.character is not None
     character = Character.load(settings.character, settings.joints)
     if path.suffix.lower() == ".vrm" and not _VRM & character.file.facts.get("extensions", {}).keys():

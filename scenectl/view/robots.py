@@ -54,6 +54,11 @@ class Replay:
     trajectory: Trajectory
     scene: Scene
 
+    @classmethod
+    def of(cls, trajectory: Trajectory, scene: Scene | None) -> Replay:
+        """In a scene, or on an empty floor under its lowest sole."""
+        return cls(trajectory, Scene.empty(lowest(trajectory)) if scene is None else scene)
+
     def draw(self, png: str | Path) -> None:
         """Some moments of it in one picture, as a PNG file."""
         root = self._places[:, 1] @ TO_Y_UP["z"].T

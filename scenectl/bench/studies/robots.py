@@ -136,10 +136,9 @@ def _draw(trajectory: Trajectory, scene: Scene | None, name: str, pictures: Path
     """The picture of a motion, as `scenectl retarget --png` draws it, if there is a folder for it."""
     if pictures is None:
         return
-    from scenectl.view.robots import Replay, lowest
+    from scenectl.view.robots import Replay
 
-    replay = Replay(trajectory, Scene.empty(lowest(trajectory)) if scene is None else scene)
-    replay.draw(pictures / f"{re.sub('[^A-Za-z0-9._-]+', '_', name)}.png")
+    Replay.of(trajectory, scene).draw(pictures / f"{re.sub('[^A-Za-z0-9._-]+', '_', name)}.png")
 
 
 def _row(kind: str, name: str, trajectory: Trajectory, took: float, scene: Scene | None = None) -> Row:

@@ -64,11 +64,11 @@ class Capsules:
         disabled first by MoveIt's setup assistant ("adjacent links" and "in collision by default").
         """
         model = self.model
-        joined = self.limbs[self.bodies]
-        above = self.limbs[model.body_parentid[np.array([self._first(int(limb)) for limb in joined])]]
+        limbs = self.limbs[self.bodies]
+        above = self.limbs[model.body_parentid[np.array([self._first(int(limb)) for limb in limbs])]]
         excluded = {(int(mark) >> 16, int(mark) & 0xFFFF) for mark in model.exclude_signature}
         first, second = np.triu_indices(len(self.bodies), k=1)
-        apart = (joined[first] != joined[second]) & (above[first] != joined[second]) & (above[second] != joined[first])
+        apart = (limbs[first] != limbs[second]) & (above[first] != limbs[second]) & (above[second] != limbs[first])
         for one, other in excluded:
             a, b = self.bodies[first], self.bodies[second]
             apart &= ~(((a == one) & (b == other)) | ((a == other) & (b == one)))

@@ -13,12 +13,12 @@ from jaxtyping import Bool, Float, Int
 from scenectl.retarget.plants import Plant
 from scenectl.retarget.robots.capsules import carried, poses
 from scenectl.retarget.robots.humanoid import Humanoid
+from scenectl.retarget.robots.mapping import SIDES
 from scenectl.retarget.robots.trajectory import Trajectory
 from scenes.body.mjcf import geom_solid, geoms_of
 from scenes.mesh.scale import TO_Y_UP
 from scenes.world.scene import Scene
 
-SIDES = ("left", "right")
 _LEVEL = 0.01
 """Metres above the lowest point of a foot at rest up to which its shapes are its sole."""
 _TOUCHING = 0.015
