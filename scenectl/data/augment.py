@@ -9,8 +9,8 @@ import torch
 from pydantic import Field
 
 from scenectl.data.corpus import Clip, bent, mirrored, retimed
+from scenectl.data.edits.walks import crouched, ducking, reaching, sidestepping
 from scenectl.data.kinds import kind_of
-from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
 from scenectl.data.repeat import repeated
 from scenes.tables import Table
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float, Int
@@ -21,14 +21,44 @@ from scenectl.data.augment import Augmentation, augmented
 from scenectl.data.corpus import COLLECTION, CREDITS, Clip, load_motions
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenectl.data.kinds import kind_of
+from scenectl.data.sentences import in_one
 from scenes.errors import UserError
 from scenes.files import atomic_write, sweep
 
-_FORMAT = 7
+_FORMAT = 8
 """Raised whenever prepared data must be made again."""
 
 _MOST = 2000
 """Clips that a measure looks at, at most: more change no figure that a card prints."""
+
+
+class Told(NamedTuple):
+    """A stretch of a clip and the sentences that say what happens in it.
+
+    Attributes:
+        begin, end: frames of the clip, up to and without `end`.
+        captions: one of them says it.
+        acts: how many things it shows one after another.
+    """
+
+    begin: int
+    end: int
+    captions: list[str]
+    acts: int = 1
+
+
+class Drawn(NamedTuple):
+    """Windows of clips.
+
+    Attributes:
+        features: raw.
+        clips: index of each window's clip.
+        offsets: the window's first frame in its clip.
+    """
+
+    features: Float[Tensor, "B T 263"]
+    clips: Int[Tensor, " B"]
+    offsets: Int[Tensor, " B"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +68,7 @@ class ClipSet:
     Attributes:
         features: all clips one after the other, ``[N, 263]``.
         starts: first row of each clip, with N at the end, ``[C + 1]``.
-        captions: sentences of each clip.
+        told: of each clip, what happens when: the whole first, then its acts and every run of several acts.
         groups: kind of motion of each clip, for balancing and reports.
         sources: data set of each clip.
         ids: names of the clips.
@@ -48,7 +78,7 @@ class ClipSet:
 
     features: Float[Tensor, "N 263"]
     starts: Int[Tensor, " C1"]
-    captions: list[list[str]]
+    told: list[list[Told]]
     groups: list[str]
     sources: list[str]
     ids: list[str]
@@ -60,6 +90,11 @@ class ClipSet:
         """Clips with what stands in every other attribute, by its name."""
         starts = torch.tensor([0, *map(len, features)]).cumsum(0)
         return cls(torch.cat(list(features)), starts, **columns)
+
+    @property
+    def captions(self) -> list[list[str]]:
+        """Sentences that say all that each clip shows."""
+        return [stretches[0].captions for stretches in self.told]
 
     @cached_property
     def lengths(self) -> Int[Tensor, " C"]:
@@ -101,8 +136,8 @@ class ClipSet:
         pairs = sorted(set(zip(self.sources, self.licences, strict=True)))
         return licence, [f"{source}: {terms}. {CREDITS.get(source, '')}".rstrip() for source, terms in pairs]
 
-    def draw(self, length: int, batch: int, generator: torch.Generator) -> tuple[Tensor, Int[Tensor, " B"]]:
-        """Random windows ``[B, length, 263]`` of clips that are long enough, and the clips' indices.
+    def draw(self, length: int, batch: int, generator: torch.Generator) -> Drawn:
+        """Random windows ``[B, length, 263]`` of clips that are long enough.
 
         A group's share is the square root of its size: big groups lead, and small ones are still seen.
         """
@@ -111,12 +146,12 @@ class ClipSet:
         slack = (self.lengths[clips] - length).double()
         offset = (torch.rand(batch, generator=generator, dtype=torch.float64) * (slack + 1)).long()
         rows = (self.starts[clips] + offset)[:, None] + torch.arange(length)
-        return self.features[rows.to(self.features.device)], clips
+        return Drawn(self.features[rows.to(self.features.device)], clips, offset)
 
     def draw_any(self, lengths: Sequence[int], batch: int, generator: torch.Generator) -> Float[Tensor, "B T 263"]:
         """Random windows of one of several lengths, as many frames in all as `batch` windows of the first."""
         length = lengths[int(torch.randint(len(lengths), (), generator=generator))]
-        return self.draw(length, max(1, batch * lengths[0] // length), generator)[0]
+        return self.draw(length, max(1, batch * lengths[0] // length), generator).features
 
     def _weights(self, length: int) -> Float[Tensor, " C"]:
         room = (self.lengths - length + 1).clamp_min(0).float()
@@ -171,7 +206,7 @@ def _content(path: Path) -> str | None:
 
 def _store(clips: Sequence[Clip], path: Path) -> None:
     about: dict[str, Any] = {
-        "captions": [list(clip.captions) for clip in clips],
+        "told": [told(clip) for clip in clips],
         "groups": [kind_of(clip) for clip in clips],
         "sources": [clip.source for clip in clips],
         "ids": [clip.id for clip in clips],
@@ -184,10 +219,24 @@ def _store(clips: Sequence[Clip], path: Path) -> None:
         file.write(save(arrays, metadata={"about": json.dumps(about)}))
 
 
+def told(clip: Clip) -> list[Told]:
+    """What happens when in a clip, as a `ClipSet` keeps it."""
+    acts = clip.acts
+    parts = [Told(act.begin, act.end, list(act.captions)) for act in acts]
+    runs = [
+        Told(acts[i].begin, acts[j - 1].end, list(in_one([act.captions for act in acts[i:j]])), j - i)
+        for i in range(len(acts))
+        for j in range(i + 2, len(acts) + 1)
+        if j - i < len(acts)
+    ]
+    return [Told(0, clip.frames, list(clip.captions), max(1, len(acts))), *parts, *runs]
+
+
 def _load(path: Path) -> ClipSet:
     try:
         with safe_open(path, framework="pt") as file:
             about = json.loads(file.metadata()["about"])
+            about["told"] = [[Told(*each) for each in stretches] for stretches in about["told"]]
             # A copy: rows are read at random for hours, and a mapped file's pages may be evicted in the meantime.
             clips = ClipSet(file.get_tensor("features").clone(), file.get_tensor("starts").clone(), **about)
     except Exception as error:  # of many kinds; all mean the same to a user

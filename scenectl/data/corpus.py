@@ -48,6 +48,20 @@ _SIDES = re.compile(rf"(?<![^ ])({'|'.join(_SWAP)})(?=[.,;:!]*(?: |\Z))")
 
 
 @dataclass(frozen=True)
+class Act:
+    """One of the things that a clip shows one after another.
+
+    Attributes:
+        begin, end: frames, up to and without `end`.
+        captions: sentences that say it, each with a subject ("a person sits down.").
+    """
+
+    begin: int
+    end: int
+    captions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Clip:
     """One captioned clip.
 
@@ -60,6 +74,7 @@ class Clip:
         label: kind of motion, as the source names it.
         licence: terms of the clip.
         commercial_ok: whether weights trained on it may be used commercially.
+        acts: what it shows one after another, in order and without gaps; none where it is one thing all through.
     """
 
     id: str
@@ -70,6 +85,7 @@ class Clip:
     label: str
     licence: str
     commercial_ok: bool
+    acts: tuple[Act, ...] = ()
 
     @property
     def frames(self) -> int:
@@ -140,9 +156,19 @@ def _has_spike(joints: Float[Tensor, "T 22 3"]) -> bool:
 
 def mirrored(clip: Clip) -> Clip:
     """The clip by a person whose sides are exchanged, captions included."""
-    captions = tuple(_SIDES.sub(lambda word: _SWAP[word[0]], text) for text in clip.captions)
     label = "-".join(_SWAP.get(part, part) for part in clip.label.split("-"))
-    return replace(clip, id=f"{clip.id}~m", joints=canonicalise(mirror(clip.joints)), captions=captions, label=label)
+    return replace(
+        clip,
+        id=f"{clip.id}~m",
+        joints=canonicalise(mirror(clip.joints)),
+        captions=_swapped(clip.captions),
+        label=label,
+        acts=tuple(replace(act, captions=_swapped(act.captions)) for act in clip.acts),
+    )
+
+
+def _swapped(captions: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(_SIDES.sub(lambda word: _SWAP[word[0]], text) for text in captions)
 
 
 def bent(clip: Clip, curvature: float) -> Clip:
@@ -166,4 +192,8 @@ def retimed(clip: Clip, speed: float) -> Clip:
     low = at.floor().long().clamp_max(clip.frames - 2)
     part = (at - low)[:, None, None]
     joints = clip.joints[low] * (1 - part) + clip.joints[low + 1] * part
-    return replace(clip, id=f"{clip.id}~s{speed:.2f}", joints=joints)
+    edges = [round(act.begin * frames / clip.frames) for act in clip.acts] + [frames]
+    acts = tuple(
+        replace(act, begin=begin, end=end) for act, begin, end in zip(clip.acts, edges[:-1], edges[1:], strict=True)
+    )
+    return replace(clip, id=f"{clip.id}~s{speed:.2f}", joints=joints, acts=acts)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scenectl.data.augment import Augmentation
-from scenectl.data.clips import ClipSet, prepare
+from scenectl.data.clips import ClipSet, Told, prepare
 from scenectl.data.corpus import COLLECTION, HOW
 from scenectl.data.humanml3d import LICENCE, SPLITS, FeatureClip, HumanML3D
 from scenes.errors import UserError
@@ -71,7 +71,9 @@ def _joined(clips: Sequence[FeatureClip]) -> ClipSet:
     count = len(clips)
     return ClipSet.of(
         [clip.features for clip in clips],
-        captions=[[caption.text.lower().strip() for caption in clip.captions] for clip in clips],
+        told=[
+            [Told(0, len(clip.features), [caption.text.lower().strip() for caption in clip.captions])] for clip in clips
+        ],
         groups=["humanml3d"] * count,
         sources=["humanml3d"] * count,
         # A mirrored copy counts as augmented wherever the collection's do (clips: "~" in its name).

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scenectl.bench.engine import ENGINE, Engine, Row
 from scenectl.data.corpus import load_motions
-from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
+from scenectl.data.edits.walks import crouched, ducking, reaching, sidestepping
 from scenectl.generators.base import Generator
 from scenectl.measures.metrics import max_acceleration, skating_ratio, travelled
 from scenectl.view.strips import draw_strips

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from scenectl.data.augment import Augmentation
-from scenectl.data.clips import ClipSet, beginnings, census, overlapping, prepare
+from scenectl.data.clips import ClipSet, Told, beginnings, census, overlapping, prepare
 from scenectl.data.features import GROUPS, features_to_joints
 from scenes.errors import UserError
 from tests.scenectl.training.folder import walks
@@ -29,7 +29,16 @@ def numbered(lengths: list[int], groups: list[str]) -> ClipSet:
         rows[starts[i] : starts[i + 1], 1] = torch.arange(length)
     n = len(lengths)
     ids = [str(i) for i in range(n)]
-    return ClipSet(rows, starts, [["a"]] * n, groups, ["cmu"] * n, ids, ["free"] * n, [True] * n)
+    return ClipSet(
+        rows,
+        starts,
+        [[Told(0, length, ["a"])] for length in lengths],
+        groups,
+        ["cmu"] * n,
+        ids,
+        ["free"] * n,
+        [True] * n,
+    )
 
 
 def seeded(seed: int) -> torch.Generator:
@@ -38,7 +47,7 @@ def seeded(seed: int) -> torch.Generator:
 
 def test_windows_are_whole_pieces_of_clips_that_are_long_enough() -> None:
     data = numbered([10, 30, 12, 11], list("abcd"))
-    rows, clips = data.draw(12, 500, seeded(0))
+    rows, clips, _ = data.draw(12, 500, seeded(0))
     assert rows.shape == (500, 12, 263) and set(clips.tolist()) == {1, 2}
     assert (rows[..., 0] == clips[:, None]).all()
     assert (rows[..., 1].diff(dim=1) == 1).all()
@@ -59,14 +68,14 @@ def test_draws_depend_on_the_generator_alone() -> None:
 def test_windows_on_a_device_are_cut_there() -> None:
     data = numbered([40, 50], ["a", "b"])
     there = data.on(torch.device("meta"))
-    rows, clips = there.draw(8, 20, seeded(4))
+    rows, clips, _ = there.draw(8, 20, seeded(4))
     assert rows.device.type == "meta" and rows.shape == (20, 8, 263)
     assert torch.equal(clips, data.draw(8, 20, seeded(4))[1])  # the same clips as on the CPU
 
 
 def test_a_group_is_drawn_by_the_square_root_of_its_size() -> None:
     data = numbered([40] * 20, ["big"] * 16 + ["small"] * 4)
-    _, clips = data.draw(20, 6000, seeded(0))
+    _, clips, _ = data.draw(20, 6000, seeded(0))
     share = float((clips < 16).float().mean())
     assert share == pytest.approx(4 / (4 + 2), abs=0.03)  # sqrt(16) : sqrt(4)
     within = torch.bincount(clips, minlength=20)[:16].float()
@@ -75,7 +84,7 @@ def test_a_group_is_drawn_by_the_square_root_of_its_size() -> None:
 
 def test_one_long_clip_does_not_outweigh_many_short_ones() -> None:
     data = numbered([5000, *[60] * 20], ["a"] * 21)
-    _, clips = data.draw(40, 4000, seeded(0))
+    _, clips, _ = data.draw(40, 4000, seeded(0))
     assert float((clips == 0).float().mean()) < 0.2
 
 

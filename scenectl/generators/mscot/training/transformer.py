@@ -59,7 +59,7 @@ def train_transformer(
         low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
         finest = int(torch.randint(low, high + 1, (), generator=generator))
         batch = max(4, settings.loop.batch * 16 // finest)
-        features, clips = data.draw(finest * DOWNSAMPLING, batch, generator)
+        features, clips, _ = data.draw(finest * DOWNSAMPLING, batch, generator)
         tokens = tokenizer.encode(features)
         drop = torch.rand(batch, generator=generator) < settings.drop_text
         prompt = place.text(captions.draw(clips, generator))

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
+from scenectl.data.edits.walks import crouched, ducking, reaching, sidestepping
 from scenectl.data.features import canonicalise, to_uniform_skeleton
-from scenectl.data.pose_edit import crouched, ducking, reaching, sidestepping
 from scenes.motion.skeleton import HUMANML3D
 from tests.scenectl.small import walk
 
