@@ -162,7 +162,7 @@ class LatentStep:
 
     Attributes:
         value: embeddings of one or of all scales.
-        decoder: chain of layers from latents ``[S, d, L]`` to normalised features ``[S, c, T]``.
+        decoder: piecewise linear, from latents ``[S, d, L]`` to normalised features ``[S, c, T]``.
         scale, offset: of the first n features, those that `place` reads, ``[n]``.
         latent: affine map from values to latents.
         place: motion in the world, of features ``[S, T, n]``.
@@ -173,7 +173,7 @@ class LatentStep:
     """
 
     value: Float[Tensor, "S *v"]
-    decoder: nn.Sequential
+    decoder: nn.Module
     scale: Float[Tensor, " n"]
     offset: Float[Tensor, " n"]
     latent: Callable[[Tensor], Tensor]

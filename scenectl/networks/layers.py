@@ -32,3 +32,43 @@ def sinusoids(at: Float[Tensor, " N"], width: int) -> Float[Tensor, "N C"]:
     rate = torch.exp(torch.arange(width // 2, device=at.device) * (-math.log(160.0) / (width // 2 - 1)))
     angle = at[:, None] * rate
     return torch.cat([angle.sin(), angle.cos()], dim=-1)
+
+
+class Frames(nn.Module):
+    """A linear map of every step to several frames of its own: ``[B, d, L]`` to ``[B, C, n L]``.
+
+    Attributes:
+        linear: to n C channels, the first frame's C first.
+        frames: n.
+    """
+
+    def __init__(self, channels: int, out: int, frames: int) -> None:
+        super().__init__()
+        self.frames = frames
+        self.linear = nn.Conv1d(channels, out * frames, 1)
+
+    def forward(self, x: Float[Tensor, "B d L"]) -> Float[Tensor, "B C T"]:
+        out: Tensor = self.linear(x)
+        return unfolded(out, self.frames)
+
+
+def unfolded(x: Float[Tensor, "*b N L"], frames: int) -> Float[Tensor, "*b C T"]:
+    """Channels of several frames, one frame after the other, as frames."""
+    return x.unflatten(-2, (frames, -1)).movedim(-3, -1).flatten(-2)
+
+
+def folded(x: Float[Tensor, "*b C T"], frames: int) -> Float[Tensor, "*b N L"]:
+    """Frames as channels of every so many; undoes `unfolded`."""
+    return x.unflatten(-1, (-1, frames)).movedim(-1, -3).flatten(-3, -2)
+
+
+class Shortcut(nn.Module):
+    """A chain of layers, and beside it a linear map, if any, whose outputs add up."""
+
+    def __init__(self, net: nn.Sequential, linear: nn.Module | None = None) -> None:
+        super().__init__()
+        self.net, self.linear = net, linear
+
+    def forward(self, x: Float[Tensor, "B C T"]) -> Float[Tensor, "B c t"]:
+        out: Tensor = self.net(x)
+        return out if self.linear is None else out + self.linear(x)

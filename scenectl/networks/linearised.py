@@ -7,7 +7,7 @@ the price of their convolutions, all in one batch, without autograd's record, an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -16,7 +16,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from scenectl.networks.layers import ResidualBlock
+from scenectl.networks.layers import Frames, ResidualBlock, Shortcut, folded, unfolded
 
 Pass = Callable[[Tensor], Tensor]
 
@@ -37,23 +37,18 @@ class LinearisedDecoder:
     """
 
     @torch.no_grad()
-    def __init__(self, decoder: nn.Sequential, latent: Float[Tensor, "S d L"], channels: int | None = None) -> None:
+    def __init__(self, decoder: nn.Module, latent: Float[Tensor, "S d L"], channels: int | None = None) -> None:
         """Decode once and remember which units were on.
 
         Args:
-            decoder: any chain of `Conv1d`, `ReLU`, nearest `Upsample` and `ResidualBlock`.
+            decoder: any chain of `Conv1d`, `ReLU`, nearest `Upsample`, `ResidualBlock`, `Frames` and `Shortcut`.
             latent: where to linearise.
             channels: only so many of the output's first channels are of interest, by default all.
 
         Raises:
             TypeError: the decoder holds a module of another kind.
         """
-        *before, last = decoder
-        assert isinstance(last, nn.Conv1d)
-        x, self._links = _chain(before, latent)
-        x, link = _convolution(last, x, channels)
-        self.output = x
-        self._links.append(link)
+        self.output, self._links = _chain([decoder], latent, channels)
 
     @torch.no_grad()
     def jvp(self, tangent: Float[Tensor, "R S d L"]) -> Float[Tensor, "R S C T"]:
@@ -74,25 +69,50 @@ def _adjoint(links: list[_Link], cotangent: Tensor) -> Tensor:
     return reduce(lambda y, link: link.adjoint(y), reversed(links), cotangent)
 
 
-def _chain(modules: list[nn.Module], x: Tensor) -> tuple[Tensor, list[_Link]]:
+def _chain(modules: Sequence[nn.Module], x: Tensor, channels: int | None = None) -> tuple[Tensor, list[_Link]]:
+    """The output of modules one after the other, of the last one so many channels, and their links."""
     links: list[_Link] = []
-    for module in modules:
+    for i, module in enumerate(modules):
+        last = channels if i + 1 == len(modules) else None
         if isinstance(module, nn.Conv1d):
-            x, link = _convolution(module, x)
+            x, link = _convolution(module, x, last)
+        elif isinstance(module, Frames):
+            x, link = _frames(module, x, last)
+        elif isinstance(module, Shortcut) and module.linear is not None:
+            x, link = _sum([_chain([branch], x, last) for branch in (module.net, module.linear)])
+        elif isinstance(module, nn.Sequential | Shortcut):
+            x, inner = _chain(list(module if isinstance(module, nn.Sequential) else module.net), x, last)
+            links += inner
+            continue
+        elif last is not None:
+            raise TypeError(f"channels of a {type(module).__name__} cannot be left out; end the decoder otherwise")
         elif isinstance(module, nn.ReLU):
             x, link = _rectifier(x)
         elif isinstance(module, nn.Upsample):
             x, link = _upsampling(module, x)
         elif isinstance(module, ResidualBlock):
             x, link = _residual(module, x)
-        elif isinstance(module, nn.Sequential):
-            x, inner = _chain(list(module), x)
-            links += inner
-            continue
         else:
             raise TypeError(f"a {type(module).__name__} cannot be linearised; give it a link in {__name__}")
         links.append(link)
     return x, links
+
+
+def _sum(branches: list[tuple[Tensor, list[_Link]]]) -> tuple[Tensor, _Link]:
+    outputs, chains = zip(*branches, strict=True)
+    link = _Link(
+        lambda t: sum((_forward(links, t) for links in chains[1:]), _forward(chains[0], t)),
+        lambda y: sum((_adjoint(links, y) for links in chains[1:]), _adjoint(chains[0], y)),
+    )
+    return torch.stack(outputs).sum(0), link
+
+
+def _frames(module: Frames, x: Tensor, channels: int | None) -> tuple[Tensor, _Link]:
+    count, conv = module.frames, module.linear
+    weight = conv.weight[..., 0].unflatten(0, (count, -1))[:, :channels].flatten(0, 1)
+    bias = None if conv.bias is None else conv.bias.unflatten(0, (count, -1))[:, :channels].flatten()
+    out = unfolded(F.conv1d(x, weight[..., None].to(x), bias), count)
+    return out, _Link(lambda t: unfolded(weight.to(t) @ t, count), lambda y: weight.T.to(y) @ folded(y, count))
 
 
 def _convolution(conv: nn.Conv1d, x: Tensor, channels: int | None = None) -> tuple[Tensor, _Link]:

@@ -53,6 +53,8 @@ class TokenizerConfig(Table):
         scale_convs: convolutions shared by the K scales, assigned in order.
         normalised: l2-normalise codes (Prop. 1's remark) with one learned gain per scale.
         down: how residuals are brought to a coarser scale.
+        shortcut: encoder and decoder add a linear map between four frames and their latent, which starts at the
+            principal components of the data (`scenectl bench tokenizer`); the paper has none.
     """
 
     width: Width = 512
@@ -65,6 +67,7 @@ class TokenizerConfig(Table):
     scale_convs: Count = 8
     normalised: bool = True
     down: Literal["linear", "area"] = "linear"
+    shortcut: bool = False
 
 
 class TransformerConfig(_Attentive):

@@ -25,4 +25,4 @@ def step_of(
 ) -> LatentStep:
     """A step at a value, by the affine map from values to latents ``[S, d, L]``; see `LatentStep`."""
     scale, offset = tokenizer.std[:_READ], tokenizer.mean[:_READ]
-    return LatentStep(value, tokenizer.decoder.net, scale, offset, latent, place, rough)
+    return LatentStep(value, tokenizer.decoder, scale, offset, latent, place, rough)

@@ -13,9 +13,9 @@ from scenectl.networks.linearised import LinearisedDecoder
 CONFIG = TokenizerConfig(width=12, code_dim=8, codes=16)
 
 
-def decoder() -> nn.Sequential:
+def decoder(shortcut: bool = True) -> Decoder:
     torch.manual_seed(3)
-    return Decoder(CONFIG).double().net
+    return Decoder(CONFIG.model_copy(update={"shortcut": shortcut})).double()
 
 
 def latent() -> Tensor:
@@ -23,8 +23,9 @@ def latent() -> Tensor:
 
 
 @pytest.mark.parametrize("channels", [None, 67])
-def test_output_and_products_are_autograds(channels: int | None) -> None:
-    net, z = decoder(), latent()
+@pytest.mark.parametrize("shortcut", [True, False])
+def test_output_and_products_are_autograds(shortcut: bool, channels: int | None) -> None:
+    net, z = decoder(shortcut), latent()
     linear = LinearisedDecoder(net, z, channels)
     torch.testing.assert_close(linear.output, net(z)[:, :channels])
     tangents = torch.randn(3, *z.shape, dtype=z.dtype)
@@ -54,7 +55,7 @@ def test_the_linearisation_is_exact_until_a_unit_switches() -> None:
 
 def test_modules_that_are_not_understood_are_refused() -> None:
     net = decoder()
-    net.insert(1, nn.GELU())
+    net.net.insert(1, nn.GELU())
     with pytest.raises(TypeError, match="GELU"):
         LinearisedDecoder(net, latent())
 

@@ -13,8 +13,8 @@ from torch import Tensor, nn
 
 from scenectl.data.features import FEATURES
 from scenectl.generators.mscot.config import TokenizerConfig
-from scenectl.generators.mscot.schedule import scale_lengths
-from scenectl.networks.layers import Padding, ResidualBlock
+from scenectl.generators.mscot.schedule import DOWNSAMPLING, scale_lengths
+from scenectl.networks.layers import Frames, Padding, ResidualBlock, Shortcut
 
 
 def _blocks(config: TokenizerConfig, padding: Padding = "zeros") -> nn.Sequential:
@@ -30,13 +30,12 @@ def _same(channels: int, out: int) -> nn.Conv1d:
     return nn.Conv1d(channels, out, 3, padding=1, padding_mode="replicate")
 
 
-class Encoder(nn.Module):
+class Encoder(Shortcut):
     """Features ``[B, 263, T]`` to latents ``[B, d, T / 4]``."""
 
     def __init__(self, config: TokenizerConfig) -> None:
-        super().__init__()
         width = config.width
-        self.net = nn.Sequential(
+        net = nn.Sequential(
             nn.Conv1d(FEATURES, width, 3, padding=1),
             nn.ReLU(),
             nn.Conv1d(width, width, 4, stride=2, padding=1),
@@ -45,19 +44,16 @@ class Encoder(nn.Module):
             _blocks(config),
             nn.Conv1d(width, config.code_dim, 3, padding=1),
         )
-
-    def forward(self, x: Float[Tensor, "B 263 T"]) -> Float[Tensor, "B d L"]:
-        out: Tensor = self.net(x)
-        return out
+        linear = nn.Conv1d(FEATURES, config.code_dim, DOWNSAMPLING, stride=DOWNSAMPLING) if config.shortcut else None
+        super().__init__(net, linear)
 
 
-class Decoder(nn.Module):
+class Decoder(Shortcut):
     """Latents ``[B, d, L]`` to features ``[B, 263, 4 L]``; piecewise linear."""
 
     def __init__(self, config: TokenizerConfig) -> None:
-        super().__init__()
         width = config.width
-        self.net = nn.Sequential(
+        net = nn.Sequential(
             _same(config.code_dim, width),
             nn.ReLU(),
             _blocks(config, "replicate"),
@@ -71,10 +67,7 @@ class Decoder(nn.Module):
             nn.ReLU(),
             _same(width, FEATURES),
         )
-
-    def forward(self, z: Float[Tensor, "B d L"]) -> Float[Tensor, "B 263 T"]:
-        out: Tensor = self.net(z)
-        return out
+        super().__init__(net, Frames(config.code_dim, FEATURES, DOWNSAMPLING) if config.shortcut else None)
 
 
 @dataclass(frozen=True)

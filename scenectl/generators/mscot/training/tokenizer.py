@@ -8,10 +8,13 @@ from torch import Tensor
 
 from scenectl.generators.mscot.config import TokenizerConfig
 from scenectl.generators.mscot.networks.tokenizer import Quantised, Tokenizer
+from scenectl.generators.mscot.training.principal import start_at_principal_components
 from scenectl.training.loop import FRAMES, Figures, Loop
 from scenectl.training.losses import ReconstructionTraining, reconstruction_loss
 from scenectl.training.stages import Job
 
+_SEEN = 2048
+"""Windows whose principal components a shortcut starts at."""
 REVIVED = "revived"
 """Name, in the loss curve, of the codes restarted on data, per step."""
 
@@ -45,6 +48,9 @@ def train_tokenizer(config: TokenizerConfig, settings: TokenizerTraining, job: J
     mean, std = job.data.statistics()
     model.mean.copy_(mean)
     model.std.copy_(std)
+    if config.shortcut:
+        drawn = job.data.draw(settings.frames[0], _SEEN, torch.Generator().manual_seed(job.seed))
+        start_at_principal_components(model, drawn.features.cpu())
     loop = job.loop(model, settings.loop)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
