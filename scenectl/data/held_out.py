@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 SPLIT = "held out"
-"""Split of those takes, whatever the collection says; its own "test" stays as it is, or old figures would not compare."""
+"""Split of those takes, whatever the collection says; its own "test" stays as it is, so that old figures compare."""
 
 TAKES = {
     ("cmu", "14_28"): "sits down on a high stool and stands up, twice",
@@ -20,6 +20,6 @@ TAKES = {
 }
 """Source and id of each, and what it is kept for: to stand, to stop and start, to sit, to stand up and to climb.
 
-Of the few takes in which someone sits or climbs, two or three of each; of those with rests, 2 of 21 of SNU's one performer
-and 2 of CMU's. Picking up and putting down have test takes in the collection (HDM05's performer tr).
+Of the few takes in which someone sits or climbs, two each; of those with rests, 2 of the 21 of SNU's one performer and
+2 of CMU's. Picking up and putting down have test takes in the collection (HDM05's performer tr).
 """
