@@ -17,9 +17,10 @@ TAKES = {
     ("cmu", "91_04"): "stands, starts to walk, walks, stops",
     ("snu", "snu_w2_walk_normal_left_90"): "stands, walks, turns, stops: five times with two seconds of rest between",
     ("snu", "snu_w2_walk_normal_right_135"): "stands, walks, turns, stops: five times with two seconds of rest between",
+    ("snu", "snu_w2_walk_normal_style_1"): "turns in place six times between walks",
 }
-"""Source and id of each, and what it is kept for: to stand, to stop and start, to sit, to stand up and to climb.
+"""Source and id of each, and what it is kept for: to stand, to stop and start, to turn, to sit, to stand up and to climb.
 
-Of the few takes in which someone sits or climbs, two each; of those with rests, 2 of the 21 of SNU's one performer and
+Of the few takes in which someone sits or climbs, two each; of those with rests, 3 of the 21 of SNU's one performer and
 2 of CMU's. Picking up and putting down have test takes in the collection (HDM05's performer tr).
 """

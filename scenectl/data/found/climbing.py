@@ -22,11 +22,11 @@ _PAUSE = 22
 _PAD = 12
 
 UP = (
-    "climbs {steps}", "walks up {steps}", "goes up {steps}", "climbs up {steps}", "steps up {steps}",
+    "climbs {steps}", "walks up {steps}", "goes up {steps}", "climbs up {steps}", "makes the way up {steps}",
     "is walking up {steps}", "ascends {steps}", "goes upstairs",
 )  # fmt: skip
 DOWN = (
-    "climbs down {steps}", "walks down {steps}", "goes down {steps}", "comes down {steps}", "steps down {steps}",
+    "climbs down {steps}", "walks down {steps}", "goes down {steps}", "comes down {steps}", "makes the way down {steps}",
     "is walking down {steps}", "descends {steps}", "goes downstairs",
 )  # fmt: skip
 

@@ -15,9 +15,10 @@ from scenectl.data.edits.limbs import axes, pitched, with_legs
 from scenectl.data.features import to_uniform_skeleton
 from scenectl.data.found.traits import ANKLES
 
-SWAY, NOD = 0.005, 0.5
+SWAY, NOD = 0.007, 0.6
 """Standard deviations of what is added to a body that stands: of the pelvis over the floor (m) and of the trunk's
-lean (degrees). Pelves of the collection's quiet stretches of two seconds and more deviate by 2 to 12 mm."""
+lean (degrees). Pelves of the collection's quiet stretches of two seconds and more deviate by 4 to 24 mm
+(5th and 95th percentiles)."""
 _SLOW, _SMOOTH = 16.0, 3.0
 """Widths in frames of the Gaussians that shape this sway, and round off reversals."""
 _SETTLE = 10
@@ -64,7 +65,7 @@ def _path(rest: int, frames: int, draw: random.Random) -> Float[np.ndarray, " F"
     speeds: list[float] = []
     while len(speeds) < frames + 4 * _SMOOTH:
         far = (rest - 1) * (draw.uniform(0.75, 1.0) if len(turns) % 2 else draw.uniform(0.0, 0.25))
-        pace = 1.0 if len(turns) == 1 else draw.uniform(0.45, 0.95)
+        pace = 1.0 if len(turns) == 1 else draw.uniform(0.6, 1.0)
         steps = max(1, round(abs(far - turns[-1]) / pace))
         speeds += [(far - turns[-1]) / steps] * steps
         turns.append(far)

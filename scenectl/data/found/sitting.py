@@ -20,12 +20,14 @@ _SETTLED = 16
 """Frames of standing before and of sitting after that a piece goes on for."""
 _LOW = 1.0
 """Pelvis of someone who sits (m); higher is a climb onto something."""
+_STILL = 0.6
+"""Fastest joint (m/s) of someone who sits still."""
 HOLDS = (60, 200)
 """Frames that sitting is held for."""
 
 DOWN = (
     "sits down", "sits down on a {seat}", "takes a seat", "lowers the body onto a {seat}", "is sitting down",
-    "bends the knees and sits down on a {seat}", "sits down behind them on a {seat}", "goes from standing to sitting",
+    "bends the knees and sits down on a {seat}", "sits down on the {seat} behind them", "goes from standing to sitting",
 )  # fmt: skip
 SEATED = (
     "sits", "sits on a {seat}", "is sitting", "is seated on a {seat}", "sits still", "remains seated", "sits and waits",
@@ -44,26 +46,31 @@ def sits(clip: Clip) -> Iterator[Clip]:
     traits = Traits.of(clip.joints)
     low = (traits.height < min(_LOW, traits.height.max() - 0.08)) | (traits.height.max() < 0.7)
     seated = low & (traits.thighs > 45) & (traits.speed < 0.2) & (np.abs(np.gradient(traits.height)) * FPS < 0.15)
-    for begin, end in runs(seated, 4, gap=8):
-        yield from _sitting(clip, traits, begin, end)
+    sittings = runs(seated, 4, gap=8)
+    edges = [0, *(frame for sitting in sittings for frame in sitting), clip.frames]
+    for i, (begin, end) in enumerate(sittings):
+        yield from _sitting(clip, traits, begin, end, (edges[2 * i], edges[2 * i + 3]))
 
 
-def _sitting(clip: Clip, traits: Traits, begin: int, end: int) -> Iterator[Clip]:
+def _sitting(clip: Clip, traits: Traits, begin: int, end: int, between: tuple[int, int]) -> Iterator[Clip]:
+    """Pieces of one sitting, `between` the end of the one before and the beginning of the next."""
     draw = drawn_for(clip, "sit", begin)
     height = float(traits.height[begin:end].mean())
     seat = draw.choice(
         ["stool", "high stool", "high chair"] if height > 0.68 else ["chair", "seat", "stool", "low chair"]
     )
     down, seated, up = (tuple(text.format(seat=seat) for text in texts) for texts in (DOWN, SEATED, UP))
-    first, last = _standing(traits.height[begin::-1], begin, -1), _standing(traits.height[end - 1 :], end - 1, 1)
+    tall = float(traits.height.max()) - 0.06
+    before, after = (traits.height[part] for part in (slice(between[0], begin + 1), slice(end - 1, between[1])))
+    first, last = _standing(before[::-1], tall, begin, -1), _standing(after, tall, end - 1, 1)
     if first is not None:
         a, b = widened(max(0, first - _SETTLED), min(begin + _SETTLED, end), clip.frames)
         if b - a >= SHORTEST:
             yield piece(clip, clip.joints[a:b], "sit down", begin, said(down, draw, 5))
-    if end - begin >= SHORTEST_REST:
-        for i in range(1 + (end - begin) // 40):
-            moving = held(clip.joints[begin:end], draw.randint(*HOLDS), draw, sway=0.0)
-            yield piece(clip, moving, "sit", begin + i, said(seated, draw, 5))
+    for a, b in runs(traits.quickest[begin:end] < _STILL, SHORTEST_REST):
+        for i in range(1 + (b - a) // 30):
+            moving = held(clip.joints[begin + a : begin + b], draw.randint(*HOLDS), draw, sway=0.0)
+            yield piece(clip, moving, "sit", begin + a + i, said(seated, draw, 5))
     if last is not None:
         a, b = widened(max(end - _SETTLED, begin), min(clip.frames, last + _SETTLED), clip.frames)
         if b - a >= SHORTEST:
@@ -76,9 +83,9 @@ def _sitting(clip: Clip, traits: Traits, begin: int, end: int) -> Iterator[Clip]
         yield piece(clip, clip.joints[a:b], "composed", begin, in_one([act.captions for act in acts]), acts)
 
 
-def _standing(height: np.ndarray, at: int, way: int) -> int | None:
+def _standing(height: np.ndarray, tall: float, at: int, way: int) -> int | None:
     """Frame at which someone stands who sits at the first of these heights; None where the clip ends before."""
-    tall = height[: 3 * int(FPS)].max()
-    if tall < height[0] + 0.08:
+    top = height[: 3 * int(FPS)].max()
+    if top < max(tall, height[0] + 0.08):
         return None
-    return at + way * int(np.flatnonzero(height > tall - 0.04)[0])
+    return at + way * int(np.flatnonzero(height > top - 0.04)[0])

@@ -15,7 +15,7 @@ from scenectl.data.edits.limbs import LEGS, with_legs
 from scenectl.data.features import FPS
 from scenectl.data.found.holding import SHORTEST_REST, held
 from scenectl.data.found.pieces import SHORTEST, drawn_for, piece, said, widened
-from scenectl.data.found.traits import ANKLES, HIPS, Traits, bends, runs, wander
+from scenectl.data.found.traits import ANKLES, FEET, HIPS, WRISTS, Traits, bends, runs, wander
 from scenectl.data.kinds import kind_of
 from scenectl.data.sentences import in_one
 from scenes.motion.skeleton import HUMANML3D
@@ -27,11 +27,15 @@ RELAXED_KNEE = 12.0
 BENT_BY_CAPTURE = 40.0
 """Degrees of bend that skeletons of captures account for at most; more is a crouch."""
 PLANTED = 0.03
-"""How far (m) an ankle of someone who stands gets from its mean."""
+"""How far (m) a foot of someone who stands gets from its mean."""
+HANGING = 0.08
+"""How far (m) a wrist of someone who lets the arms hang gets from its mean."""
 HOLDS = (60, 200)
 """Frames that a rest is held for."""
-_OTHERWISE = ("dance", "acrobatics", "fight", "ball", "exercise", "mimicry", "get up", "hop", "squat", "climb")
-"""Kinds of clips whose turns in place are parts of something else."""
+_OTHERWISE = (
+    "dance", "acrobatics", "fight", "ball", "exercise", "mimicry", "get up", "hop", "squat", "climb", "gesture", "sneak",
+)  # fmt: skip
+"""Kinds of clips whose steps and turns are parts of something else."""
 
 IDLE = (
     "stands still", "stands relaxed", "stands with both arms hanging down", "stands in place and waits", "stands idle",
@@ -49,13 +53,18 @@ STARTING = ("stands, then {gait}", "starts to {plain}", "sets off and {gait}", "
             "starts to {plain} from standing", "begins to {plain}")  # fmt: skip
 
 
+def _shows_something_else(clip: Clip) -> bool:
+    return kind_of(clip).removeprefix("bandai: ").split("-")[0] in _OTHERWISE
+
+
 def idles(clip: Clip) -> Iterator[Clip]:
     """Rests of people who stand upright with hanging arms, straight knees and planted feet, held for longer."""
     traits = Traits.of(clip.joints)
-    upright = (traits.trunk > 0.95) & (traits.arms < 40) & (traits.knees < BENT_BY_CAPTURE)
+    upright = (traits.trunk > 0.95) & (traits.arms < 48) & (traits.knees < BENT_BY_CAPTURE)
     for begin, end in runs(upright & _quiet(traits), SHORTEST_REST):
         joints = relaxed(clip.joints[begin:end])
-        if wander(joints) > PLANTED or bends(joints.double().numpy()).mean(0).max() > STRAIGHT_KNEE:
+        calm = wander(joints, FEET) < PLANTED and wander(joints, WRISTS) < HANGING
+        if not calm or bends(joints.double().numpy()).max() > STRAIGHT_KNEE:
             continue
         draw = drawn_for(clip, "idle", begin)
         for i in range(1 + (end - begin) // 30):
@@ -69,8 +78,7 @@ def _quiet(traits: Traits) -> np.ndarray:
 
 def relaxed(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T 22 3"]:
     """The body raised over its feet until its straighter leg is as straight as that of people who stand."""
-    bend = bends(joints.double().numpy()).mean(0)
-    if bend.max() <= STRAIGHT_KNEE:
+    if bends(joints.double().numpy()).max() <= STRAIGHT_KNEE:
         return joints
     thigh, shin = (float(HUMANML3D.bone_lengths[joint]) for joint in LEGS[0][1:3])
     chord = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(math.radians(RELAXED_KNEE)))
@@ -81,6 +89,8 @@ def relaxed(joints: Float[Tensor, "T 22 3"]) -> Float[Tensor, "T 22 3"]:
 
 def stops_and_starts(clip: Clip) -> Iterator[Clip]:
     """Walks and runs that end in a rest, and rests that end in them; the rest is held for a while."""
+    if _shows_something_else(clip):
+        return
     yield from _stops(clip, clip.joints, "stop")
     yield from _stops(clip, clip.joints.flip(0), "start")
 
@@ -101,7 +111,7 @@ def _stops(clip: Clip, joints: Float[Tensor, "T 22 3"], name: str) -> Iterator[C
         if gait is None or end - begin < SHORTEST:
             continue
         moving = joints[begin:end]
-        if end - rest >= SHORTEST_REST and wander(moving[rest - begin :]) < PLANTED:
+        if end - rest >= SHORTEST_REST and wander(moving[rest - begin :], FEET) < PLANTED:
             moving = held(moving, rest - begin + draw.randint(20, 60), draw, lead=rest - begin)
         # Someone still walks at half their speed, and no more below it.
         slow = np.flatnonzero(traits.speed[begin:rest] > 0.5 * np.median(traits.speed[begin : walk[1]]))[-1] + 1
@@ -118,7 +128,8 @@ def _told(
     draw: random.Random,
 ) -> Clip:
     goes, plain = gait
-    walks = said([goes, f"is {_ing(goes)}"], draw)
+    steps = ("moves forward", "takes some steps forward") if goes == "walks forward" else ()
+    walks = said([goes, *steps], draw)
     if name == "stop":
         acts = Act(0, edge, walks), Act(edge, len(moving), said(STOPS, draw))
         whole = said([text.format(gait=goes, plain=plain) for text in STOPPING], draw, 3)
@@ -127,11 +138,6 @@ def _told(
         acts = Act(0, edge, said(STANDS, draw)), Act(edge, len(moving), walks)
         whole = said([text.format(gait=goes, plain=plain) for text in STARTING], draw, 3)
     return piece(clip, moving, name, at, (*whole, *in_one([act.captions for act in acts], 3)), acts)
-
-
-def _ing(goes: str) -> str:
-    verb, _, rest = goes.partition(" ")
-    return f"{ {'walks': 'walking', 'runs': 'running', 'jogs': 'jogging'}[verb] } {rest}".strip()
 
 
 def _gait(traits: Traits, begin: int, end: int, time: float) -> tuple[str, str] | None:
@@ -150,7 +156,7 @@ def _gait(traits: Traits, begin: int, end: int, time: float) -> tuple[str, str] 
 
 def turns_in_place(clip: Clip) -> Iterator[Clip]:
     """Turns by 40 to 200 degrees while the pelvis hardly travels."""
-    if kind_of(clip).removeprefix("bandai: ").split("-")[0] in _OTHERWISE:
+    if _shows_something_else(clip):
         return
     traits = Traits.of(clip.joints)
     rate = np.degrees(np.gradient(traits.heading)) * FPS

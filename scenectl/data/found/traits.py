@@ -15,10 +15,11 @@ from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 
 PELVIS, NECK, HEAD = HUMANML3D.indices(("pelvis", "neck", "head"))
-HIPS, KNEES, ANKLES, TOES, SHOULDERS, WRISTS = (
+HIPS, KNEES, ANKLES, TOES, SHOULDERS, ELBOWS, WRISTS = (
     HUMANML3D.indices([f"{side}_{part}" for side in ("left", "right")])
-    for part in ("hip", "knee", "ankle", "foot", "shoulder", "wrist")
+    for part in ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")
 )
+FEET = [*ANKLES, *TOES]
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,9 @@ class Traits:
         heading: radians about +y (positive to the person's left), unwrapped.
         height: of the pelvis, m.
         quickest: speed of the fastest joint, m/s.
-        feet: speed of the faster ankle, m/s.
+        feet: speed of the fastest ankle or toe, m/s.
         trunk: cosine of the trunk's angle from the vertical.
-        arms: angle of the line from shoulder to wrist from hanging straight down, degrees, of the arm that is higher.
+        arms: angle from hanging straight down, degrees, of the upper arm or forearm that is raised most.
         knees: bend of the knee that is more bent, degrees.
         thighs: angle of the more level thigh from the vertical, degrees.
     """
@@ -63,9 +64,9 @@ class Traits:
             heading=facing,
             height=gaussian_filter1d(p[:, PELVIS, 1], 1.0, mode="nearest"),
             quickest=moved.max(-1),
-            feet=moved[:, ANKLES].max(-1),
+            feet=moved[:, FEET].max(-1),
             trunk=_unit(p[:, NECK] - p[:, PELVIS])[:, 1],
-            arms=_degrees(_unit(p[:, WRISTS] - p[:, SHOULDERS]) @ down).max(-1),
+            arms=_degrees(_unit(p[:, [*ELBOWS, *WRISTS]] - p[:, [*SHOULDERS, *ELBOWS]]) @ down).max(-1),
             knees=bends(p).max(-1),
             thighs=_degrees(_unit(p[:, KNEES] - p[:, HIPS]) @ down).max(-1),
         )
@@ -89,10 +90,10 @@ def runs(mask: Bool[np.ndarray, " T"], least: int, gap: int = 0) -> list[tuple[i
     return [(begin, end) for begin, end in found if end - begin >= least]
 
 
-def wander(joints: Float[Tensor, "T 22 3"]) -> float:
-    """Farthest that an ankle gets from where it is in the mean, m."""
-    ankles = joints[:, ANKLES]
-    return float((ankles - ankles.mean(0)).norm(dim=-1).max())
+def wander(joints: Float[Tensor, "T 22 3"], which: list[int]) -> float:
+    """Farthest that any of some joints gets from where it is in the mean, m."""
+    some = joints[:, which]
+    return float((some - some.mean(0)).norm(dim=-1).max())
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
