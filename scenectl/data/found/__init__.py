@@ -27,7 +27,7 @@ def found(clips: Sequence[Clip]) -> list[Clip]:
 
 
 def held_out(folder: str | Path) -> list[Clip]:
-    """Pieces of the takes that are set aside and of the collection's own test clips, to test with and never to train on.
+    """Pieces of the takes set aside and of the collection's own test clips, to test with and never to train on.
 
     Raises:
         UserError: the folder is no motion collection.

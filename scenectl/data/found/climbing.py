@@ -26,8 +26,8 @@ UP = (
     "is walking up {steps}", "ascends {steps}", "goes upstairs",
 )  # fmt: skip
 DOWN = (
-    "climbs down {steps}", "walks down {steps}", "goes down {steps}", "comes down {steps}", "makes the way down {steps}",
-    "is walking down {steps}", "descends {steps}", "goes downstairs",
+    "climbs down {steps}", "walks down {steps}", "goes down {steps}", "comes down {steps}",
+    "makes the way down {steps}", "is walking down {steps}", "descends {steps}", "goes downstairs",
 )  # fmt: skip
 
 

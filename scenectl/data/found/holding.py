@@ -60,7 +60,7 @@ SHORTEST_REST = 14
 
 
 def _path(rest: int, frames: int, draw: random.Random) -> Float[np.ndarray, " F"]:
-    """Places in the rest, one a frame, within 0 and ``rest - 1``: on at full speed, then back, on, back, more slowly."""
+    """Places in the rest, one a frame, within 0 and ``rest - 1``: on at full speed, then back, on, back, slower."""
     turns = [0.0]
     speeds: list[float] = []
     while len(speeds) < frames + 4 * _SMOOTH:

@@ -20,7 +20,7 @@ _SUBJECTS = ("a person", "a person", "a person", "someone", "the person", "a man
 def piece(
     clip: Clip, joints: Float[Tensor, "T 22 3"], name: str, at: int, captions: Sequence[str], acts: Sequence[Act] = ()
 ) -> Clip:
-    """A clip of its own, called after the clip that it was found in, the kind of thing that it shows and its first frame."""
+    """A clip of its own, named after the clip that it was found in, what it shows and where."""
     return replace(
         clip,
         id=f"{clip.id}~{name.replace(' ', '-')}{at}",

@@ -28,12 +28,15 @@ BENT_BY_CAPTURE = 40.0
 """Degrees of bend that skeletons of captures account for at most; more is a crouch."""
 PLANTED = 0.03
 """How far (m) a foot of someone who stands gets from its mean."""
+JERK = 0.01
+"""What a foot that stands moves from one frame to the next at most, m; captures of toes jerk."""
 HANGING = 0.08
 """How far (m) a wrist of someone who lets the arms hang gets from its mean."""
 HOLDS = (60, 200)
 """Frames that a rest is held for."""
 _OTHERWISE = (
-    "dance", "acrobatics", "fight", "ball", "exercise", "mimicry", "get up", "hop", "squat", "climb", "gesture", "sneak",
+    "dance", "acrobatics", "fight", "ball", "exercise", "mimicry", "get up", "hop", "squat", "climb", "gesture",
+    "sneak",
 )  # fmt: skip
 """Kinds of clips whose steps and turns are parts of something else."""
 
@@ -47,7 +50,8 @@ STANDS = (
     "stands still", "stands", "stays where they are", "stands and waits", "remains standing", "stands relaxed",
 )  # fmt: skip
 STOPS = ("stops and stands still", "stops", "comes to a stop", "comes to a halt and stands", "slows down and stops")
-STOPPING = ("{gait} and stops", "{gait}, then stops and stands still", "{gait} and comes to a halt", "stops after a few steps",
+STOPPING = ("{gait} and stops", "{gait}, then stops and stands still", "{gait} and comes to a halt",
+            "stops after a few steps",
             "{gait}, slows down and stands still")  # fmt: skip
 STARTING = ("stands, then {gait}", "starts to {plain}", "sets off and {gait}", "stands still and then {gait}",
             "starts to {plain} from standing", "begins to {plain}")  # fmt: skip
@@ -64,6 +68,7 @@ def idles(clip: Clip) -> Iterator[Clip]:
     for begin, end in runs(upright & _quiet(traits), SHORTEST_REST):
         joints = relaxed(clip.joints[begin:end])
         calm = wander(joints, FEET) < PLANTED and wander(joints, WRISTS) < HANGING
+        calm &= float(joints[:, FEET].diff(dim=0).norm(dim=-1).max()) < JERK
         if not calm or bends(joints.double().numpy()).max() > STRAIGHT_KNEE:
             continue
         draw = drawn_for(clip, "idle", begin)
@@ -141,7 +146,7 @@ def _told(
 
 
 def _gait(traits: Traits, begin: int, end: int, time: float) -> tuple[str, str] | None:
-    """What someone does who goes forward, "walks forward", and the same after "to"; None where they don't go forward."""
+    """What someone does who goes forward ("walks forward"), and the same after "to"; None of other ways."""
     speed, ahead = float(np.median(traits.speed[begin:end])), float(np.median(traits.ahead[begin:end])) * time
     if ahead < 0.7 * speed:
         return None
