@@ -19,7 +19,7 @@ TAKES = {
     ("snu", "snu_w2_walk_normal_right_135"): "stands, walks, turns, stops: five times with two seconds of rest between",
     ("snu", "snu_w2_walk_normal_style_1"): "turns in place six times between walks",
 }
-"""Source and id of each, and what it is kept for: to stand, to stop and start, to turn, to sit, to stand up and to climb.
+"""Source and id of each, and what it is kept for: to stand, stop, start, turn, sit, stand up and climb.
 
 Of the few takes in which someone sits or climbs, two each; of those with rests, 3 of the 21 of SNU's one performer and
 2 of CMU's. Picking up and putting down have test takes in the collection (HDM05's performer tr).

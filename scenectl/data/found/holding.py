@@ -52,7 +52,7 @@ def held(
     left, _ = axes(out)
     out = pitched(out, left, noise[:, 2] * float(np.radians(NOD)))
     body = torch.stack([noise[:, 0], torch.zeros_like(share), noise[:, 1]], dim=-1) * SWAY * sway
-    return with_legs(out, body, still * share[:, None, None])
+    return to_uniform_skeleton(with_legs(out, body, still * share[:, None, None]))  # legs at full stretch gain a few mm
 
 
 SHORTEST_REST = 14
