@@ -25,7 +25,7 @@ from scenectl.data.sentences import in_one
 from scenes.errors import UserError
 from scenes.files import atomic_write, sweep
 
-_FORMAT = 8
+_FORMAT = 9
 """Raised whenever prepared data must be made again."""
 
 _MOST = 2000

@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from scenectl.data import held_out
 from scenectl.data.features import FPS, canonicalise, mirror, to_uniform_skeleton
 from scenes.errors import UserError
 from scenes.files import reading
@@ -70,7 +71,7 @@ class Clip:
         joints: metres at 20 fps on the uniform skeleton, ``[T, 22, 3]``, canonical frame.
         captions: sentences that describe all of it.
         source: data set it comes from.
-        split: "train", "val" or "test".
+        split: "train", "val" or "test", or "held out" (`scenectl.data.held_out`).
         label: kind of motion, as the source names it.
         licence: terms of the clip.
         commercial_ok: whether weights trained on it may be used commercially.
@@ -106,7 +107,7 @@ def load_motions(folder: str | Path, splits: Sequence[str] = ("train",)) -> list
         positions = _positions(folder / "motions_20fps.npz")
         text = (folder / "clips.jsonl").read_text(encoding="utf-8")
         rows = [json.loads(line) for line in text.splitlines() if line.strip()]
-        clips = [_clip(row, positions[row["id"]]) for row in rows if row["split"] in splits]
+        clips = [_clip(row, positions[row["id"]]) for row in rows if _split(row) in splits]
     return [clip for clip in clips if clip.frames >= 2 and not _has_spike(clip.joints)]
 
 
@@ -126,6 +127,10 @@ def _positions(path: Path) -> dict[str, np.ndarray]:
     return out
 
 
+def _split(row: dict[str, object]) -> str:
+    return held_out.SPLIT if (row["source"], row["id"]) in held_out.TAKES else str(row["split"])
+
+
 def _clip(row: dict[str, object], joints: np.ndarray) -> Clip:
     if not isinstance(row["commercial_ok"], bool):  # "false" is true to Python
         raise ValueError(f"commercial_ok of clip {row['id']} is {row['commercial_ok']!r}, neither true nor false")
@@ -136,7 +141,7 @@ def _clip(row: dict[str, object], joints: np.ndarray) -> Clip:
         joints=canonicalise(to_uniform_skeleton(torch.from_numpy(joints))),
         captions=tuple(str(c["text"]).lower().strip() for c in captions),
         source=str(row["source"]),
-        split=str(row["split"]),
+        split=_split(row),
         label=str(row["label"]).split(" | ")[0],
         licence=str(row["licence"]),
         commercial_ok=bool(row["commercial_ok"]),

@@ -19,7 +19,7 @@ _GROUPS = {
     "squat": r"squat1",
     "exercise": r"jumping jacks|elbow|rotate ?arms|range of motion|motorcycle",
     "hop": r"hop|jump|leap",
-    "sit": r"^sit|kneel",
+    "sit and kneel": r"^sit|kneel",
     "mimicry": r"human subject|nursery|alaskan|zombie|crawl",
     "reach": r"grab|deposit|reach|scoop|drink|wash|mop|push|interact",
     "gesture": r"traffic|laugh|talk|idle|balance",
@@ -31,16 +31,26 @@ _GROUPS = {
 """Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
 
 
-EDITS = {"crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking"}
-"""Pose edits, which end the labels of the copies they make, and the kinds of their own that these are: copies are many,
-and would outweigh the few recordings in a kind with them."""
+EDITS = {"crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking"} | {
+    name: name
+    for name in (
+        "idle", "start", "stop", "turn in place", "sit down", "sit", "stand up", "climb", "pick up", "put down",
+        "carry", "lean", "composed",
+    )
+}  # fmt: skip
+"""What ends the labels of clips that are found in, edited from or composed of recorded ones, and the kinds that these
+are: such clips are many, and would outweigh the few recordings in a kind with them."""
+
+_RECORDED = re.compile(r"[^~]*(?:~(?:m|b[+-][\d.]+|s[\d.]+|repeat))*")
+"""Ids of recorded clips and of copies that show the same; a source's own label may end in ", stand up" too."""
 
 
 def kind(source: str, label: str) -> str:
     """Kind of a clip: Bandai's content ("bandai: walk-turn-left"), elsewhere a group ("walk", "dance", ...)."""
-    edit = label.rpartition(", ")[2]
-    if edit in EDITS:
-        return EDITS[edit]
+    return EDITS.get(label.rpartition(", ")[2]) or _recorded_kind(source, label)
+
+
+def _recorded_kind(source: str, label: str) -> str:
     if source == "bandai":
         return f"bandai: {label}"
     words = label.lower()
@@ -49,4 +59,4 @@ def kind(source: str, label: str) -> str:
 
 def kind_of(clip: Clip) -> str:
     """Kind of a clip by its source and label."""
-    return kind(clip.source, clip.label)
+    return (_recorded_kind if _RECORDED.fullmatch(clip.id) else kind)(clip.source, clip.label)

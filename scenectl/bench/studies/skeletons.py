@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
+from scenectl.data import held_out
 from scenectl.data.corpus import Clip, load_motions
 from scenes.motion.branches import tree_of, turns
 from scenes.motion.rigid import on_bones
@@ -33,7 +34,7 @@ def bench_skeletons(data: str | Path, engine: Engine = ENGINE) -> Result:
         vertical of pelvis and chest, their standard deviation between clips and, the median, over a clip's frames; and
         how far (m) our body's hips and collars, and ends of limbs, are from the clips' own.
     """
-    clips = load_motions(data, ("train", "val", "test"))
+    clips = load_motions(data, ("train", "val", "test", held_out.SPLIT))
     sources = sorted({clip.source for clip in clips})
     cases = [(source, [clip for clip in clips if clip.source == source]) for source in sources]
     return engine.run(cases, lambda some: [_row(some)], _summary, {"bench": "skeletons", "data": data})

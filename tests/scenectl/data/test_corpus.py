@@ -12,6 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from scenectl.data import held_out
 from scenectl.data.augment import Augmentation, augmented
 from scenectl.data.corpus import CREDITS, Clip, bent, load_motions, mirrored, retimed
 from scenectl.data.features import canonicalise, to_uniform_skeleton
@@ -98,6 +99,24 @@ def test_the_shared_collection_is_read_as_its_readme_reads_it(shared: Path) -> N
         wanted = canonicalise(to_uniform_skeleton(torch.from_numpy(plain[got.id])))
         torch.testing.assert_close(got.joints, wanted, atol=1e-4, rtol=0)
         torch.testing.assert_close(bones(got.joints), UNIFORM.expand(got.frames, -1), atol=1e-4, rtol=0)
+
+
+def test_takes_held_out_are_in_no_split_but_their_own(shared: Path) -> None:
+    folder = shared / "data" / "motions"
+    rows = [json.loads(line) for line in (folder / "clips.jsonl").read_text().splitlines()]
+    kept = load_motions(folder, [held_out.SPLIT])
+    assert {(c.source, c.id) for c in kept} == set(held_out.TAKES) and {c.split for c in kept} == {held_out.SPLIT}
+    others = load_motions(folder, ["train", "val", "test"])
+    assert not set(held_out.TAKES) & {(c.source, c.id) for c in others}
+    # The collection's own test is what figures were measured on.
+    assert not any(row["split"] == "test" for row in rows if (row["source"], row["id"]) in held_out.TAKES)
+
+
+def test_takes_are_held_out_by_source_too(tmp_path: Path) -> None:
+    """A user's own clip may well be called 14_28."""
+    folder = write_folder(tmp_path, {"14_28": (walk(40), {"source": "own"}), "14_31": (walk(40), {"source": "cmu"})})
+    assert [c.id for c in load_motions(folder)] == ["14_28"]
+    assert [c.id for c in load_motions(folder, [held_out.SPLIT])] == ["14_31"]
 
 
 def test_the_worst_captures_of_the_shared_collection_are_left_out(shared: Path, tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def test_copies_do_not_count_as_recordings_of_their_kind() -> None:
         ("cmu", "run/jog, sudden stop", "run"),
         ("hdm05", "depositFloorR", "reach"),
         ("hdm05", "squat1Reps", "squat"),
-        ("mesh2motion", "Sitting_Idle_Loop", "sit"),
+        ("mesh2motion", "Sitting_Idle_Loop", "sit and kneel"),
         ("cmu", "unheard of", REST),
     ],
 )
