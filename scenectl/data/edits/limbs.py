@@ -102,11 +102,14 @@ def rotate(joints: Tensor, pivot: int, moved: list[int], axis: Tensor, angle: Te
 
 
 def with_legs(
-    joints: Float[Tensor, "T 22 3"], body: Float[Tensor, "T 3"], feet: Float[Tensor, "T 2 3"]
+    joints: Float[Tensor, "T 22 3"],
+    body: Float[Tensor, "T 3"],
+    feet: Float[Tensor, "T 2 3"],
+    straight: float = STRAIGHT,
 ) -> Float[Tensor, "T 22 3"]:
     """The body moved by one shift and each foot by its own; knees solved, the body lower where a leg is too short."""
     hips, ankles = [leg[0] for leg in LEGS], [leg[2] for leg in LEGS]
-    length = STRAIGHT * float(sum(HUMANML3D.bone_lengths[j] for j in LEGS[0][1:3]))
+    length = straight * float(sum(HUMANML3D.bone_lengths[j] for j in LEGS[0][1:3]))
     reach = joints[:, hips] + body[:, None] - joints[:, ankles] - feet
     level = reach[..., [0, 2]].square().sum(-1)
     spare = reach[..., 1] - (length**2 - level).clamp_min(0.0).sqrt()
@@ -129,13 +132,13 @@ def with_legs(
 
 
 def with_arm(
-    joints: Float[Tensor, "T 22 3"], side: str, offset: Float[Tensor, "3"], envelope: Float[Tensor, " T"]
+    joints: Float[Tensor, "T 22 3"], side: str, offset: Float[Tensor, "*T 3"], envelope: Float[Tensor, " T"]
 ) -> Float[Tensor, "T 22 3"]:
     """The wrist led along an arc to `offset` (left, up, forward; m) from the shoulder, as far as `envelope` says."""
     shoulder, elbow, wrist = ARMS[side]
     left, forward = axes(joints)
     up = joints.new_tensor([0.0, 1.0, 0.0])
-    goal = offset[0] * left + offset[1] * up + offset[2] * forward
+    goal = offset[..., :1] * left + offset[..., 1:2] * up + offset[..., 2:] * forward
     now = joints[:, wrist] - joints[:, shoulder]
     length = STRAIGHT * float(HUMANML3D.bone_lengths[elbow] + HUMANML3D.bone_lengths[wrist])
     a, b = now.norm(dim=-1, keepdim=True), goal.norm(dim=-1, keepdim=True)
