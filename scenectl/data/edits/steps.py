@@ -48,11 +48,11 @@ class Stairs:
 def climbing(clip: Clip, draw: random.Random) -> Clip | None:
     """A straight walk led up or down a flight of steps, with a landing before and after."""
     found = climbed(clip, draw)
-    return found and found[0]
+    return found and replace(found[0], joints=canonicalise(found[0].joints))
 
 
 def climbed(clip: Clip, draw: random.Random) -> tuple[Clip, Stairs] | None:
-    """The clip on its steps, and where they are (in the frame of the clip); None where it does not suit."""
+    """The clip on its steps and where they are, both in the frame of the recording; None where it does not suit."""
     pelvis = clip.joints[:, 0]
     travel, sideways = float(pelvis[-1, 2] - pelvis[0, 2]), float(pelvis[:, 0].abs().max())
     up, rise, tread = draw.random() < 0.5, draw.uniform(*RISE), draw.uniform(*TREAD)
@@ -72,11 +72,11 @@ def climbed(clip: Clip, draw: random.Random) -> tuple[Clip, Stairs] | None:
     made = _led(joints, falls, target - at * at.new_tensor([0.0, 0.0, 1.0]), stairs, up)
     if made is None:
         return None
-    copy = edited(clip, "climb", "", made - made.new_tensor([0.0, 1.0, 0.0]) * float(stairs.levels.min()))
+    lowest = stairs.levels.min()
+    copy = edited(clip, "climb", "", made - made.new_tensor([0.0, 1.0, 0.0]) * lowest)
     if copy is None:
         return None
-    copy = replace(copy, joints=canonicalise(copy.joints), captions=_said(up, count, draw), acts=())
-    return copy, stairs
+    return replace(copy, captions=_said(up, count, draw), acts=()), replace(stairs, levels=stairs.levels - lowest)
 
 
 def _flight(
