@@ -12,7 +12,7 @@ from torch import Tensor
 
 from scenectl.data.corpus import Clip
 from scenectl.data.edits.footfalls import Fall, feet_shift, places, smooth, walk_of
-from scenectl.data.edits.limbs import LEGS, axes, edited, pitched, with_legs
+from scenectl.data.edits.limbs import LEGS, axes, eased, edited, pitched, with_legs
 from scenectl.data.features import canonicalise
 
 RISE = (0.10, 0.22)
@@ -144,19 +144,13 @@ def _over(
     ball = foot[:, 1]
     for lift in (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12):
         for wait in (0.1, 0.2, 0.3, 0.4):
-            onwards = _eased(time, wait, 0.97) if up else _eased(time, 0.03, 1 - wait)
-            rising = _eased(time, 0.0, 0.6) if up else _eased(time, 0.4, 1.0)
+            onwards = eased((time - wait) / (0.97 - wait)) if up else eased((time - 0.03) / (0.97 - wait))
+            rising = eased(time / 0.6) if up else eased((time - 0.4) / 0.6)
             shift = torch.lerp(ball[0] + start, ball[-1] + end, onwards[:, None]) - ball
             shift[:, 1] = torch.lerp(start[1], end[1], rising) + lift * (4 * time * (1 - time)) ** 1.5
             if _clear(foot + shift[:, None], stairs, (float(start[1]), float(end[1]))):
                 return shift
     return None
-
-
-def _eased(time: Float[Tensor, " T"], begin: float, end: float) -> Float[Tensor, " T"]:
-    """From 0 to 1 between two times, smoothly."""
-    part = ((time - begin) / (end - begin)).clamp(0.0, 1.0)
-    return part**2 * (3 - 2 * part)
 
 
 def _clear(foot: Float[Tensor, "T 2 3"], stairs: Stairs, ends: tuple[float, float]) -> bool:
