@@ -12,18 +12,25 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
-from scenectl.data.edits.limbs import LEGS
+from scenectl.data.edits.limbs import ARMS, LEGS, NECK
+from scenectl.data.edits.timing import smooth
 from scenectl.data.features import FPS, to_uniform_skeleton
+from scenes.motion.skeleton import HUMANML3D
 
 STILL = 0.45
 """m/s over the ground below which the ball of a foot counts as standing: between what feet do while they stand (median
 0.1 in the recorded walks) and while they swing (2 and more)."""
 SHORTEST = 3
 """Frames that a footfall lasts at least."""
+
+
+UPRIGHT = 0.4
+"""Metres from the pelvis up to the neck, 0.55 in a straight trunk, below which a person bends down."""
+ANKLE = 0.047
+"""Metres from the ball of a flat foot up to the ankle (`scenes.body.body`)."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +59,15 @@ def footfalls(joints: Float[Tensor, "T 22 3"]) -> list[Fall]:
 def walk_of(clip: Clip, slower: float, most: int) -> tuple[Clip, list[Fall]] | None:
     """The part of a clip between its first and last stand on both feet, slowed down, and its footfalls.
 
-    None where feet are not put down in turn, left and right, one standing before the other leaves.
+    None where feet are not put down in turn, left and right, one standing before the other leaves, or the trunk bends
+    low.
 
     Args:
         slower: times as long.
         most: footfalls that are kept, from the first.
     """
-    falls = footfalls(clip.joints)[:most]
+    rise = clip.joints[:, NECK, 1] - clip.joints[:, 0, 1]
+    falls = footfalls(clip.joints)[:most] if float(rise.min()) > UPRIGHT else []
     if len(falls) < 4 or any(a.side == b.side or b.begin >= a.end for a, b in zip(falls, falls[1:], strict=False)):
         return None
     first, last = falls[1].begin, falls[-2].end
@@ -100,7 +109,29 @@ def feet_shift(
     return out
 
 
-def smooth(values: Float[Tensor, "T *c"], sigma: float) -> Float[Tensor, "T *c"]:
-    """Values smoothed over time by a Gaussian of `sigma` frames."""
-    filtered = gaussian_filter1d(values.cpu().numpy(), sigma, axis=0, mode="nearest")
-    return torch.as_tensor(filtered, dtype=values.dtype, device=values.device)
+def flattened(joints: Float[Tensor, "T 22 3"], share: float) -> Float[Tensor, "T 22 3"]:
+    """Heels lowered (and raised toes let down) by a share of what the soles are tilted, over the same balls of feet."""
+    joints = joints.clone()
+    for _, _, ankle, ball in LEGS:
+        length = float(HUMANML3D.bone_lengths[ball])
+        heel = joints[:, ankle] - joints[:, ball]
+        # A foot that hangs straight down does not say where its heel points; the same foot before and after does.
+        level = smooth(heel * heel.new_tensor([1.0, 0.0, 1.0]), 8.0)
+        level = level / level.norm(dim=-1, keepdim=True).clamp_min(1e-6) * (length**2 - ANKLE**2) ** 0.5
+        flat = level + heel.new_tensor([0.0, ANKLE, 0.0])
+        heel = torch.lerp(heel, flat, share)
+        joints[:, ankle] = joints[:, ball] + heel * (length / heel.norm(dim=-1, keepdim=True))
+    return joints
+
+
+def calmed(joints: Float[Tensor, "T 22 3"], share: float) -> Float[Tensor, "T 22 3"]:
+    """Arms that swing by a share less about how they are held over the time of a stride."""
+    joints = joints.clone()
+    for arm in ARMS.values():
+        at = joints[:, arm[0]]
+        bones = joints[:, arm[1:]] - joints[:, arm[:2]]
+        calm = torch.lerp(bones, smooth(bones, 10.0), share)
+        calm = calm * (bones.norm(dim=-1, keepdim=True) / calm.norm(dim=-1, keepdim=True).clamp_min(1e-6))
+        joints[:, arm[1]] = at + calm[:, 0]
+        joints[:, arm[2]] = at + calm.sum(1)
+    return joints

@@ -9,10 +9,8 @@ from __future__ import annotations
 import random
 from dataclasses import replace
 
-import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from torch import Tensor
 
@@ -38,7 +36,9 @@ def edited(clip: Clip, name: str, how: str, joints: Float[Tensor, "T 22 3"]) -> 
     if not bool(torch.isfinite(joints).all()) or wrong > 2e-3 or float(joints[..., 1].min()) < -SUNK:
         return None
     captions = tuple(f"{text.rstrip('.')} {how}." for text in clip.captions)
-    return replace(clip, id=f"{clip.id}~{name.replace(' ', '-')}", joints=joints, captions=captions, label=f"{clip.label}, {name}")
+    return replace(
+        clip, id=f"{clip.id}~{name.replace(' ', '-')}", joints=joints, captions=captions, label=f"{clip.label}, {name}"
+    )
 
 
 def bump(joints: Float[Tensor, "T 22 3"], draw: random.Random, hold: tuple[float, float]) -> Float[Tensor, " T"] | None:
@@ -134,9 +134,16 @@ def with_legs(
 
 
 def with_arm(
-    joints: Float[Tensor, "T 22 3"], side: str, offset: Float[Tensor, "*T 3"], envelope: Float[Tensor, " T"]
+    joints: Float[Tensor, "T 22 3"],
+    side: str,
+    offset: Float[Tensor, "*T 3"],
+    envelope: Float[Tensor, " T"],
+    back: float = 0.0,
 ) -> Float[Tensor, "T 22 3"]:
-    """The wrist led along an arc to `offset` (left, up, forward; m) from the shoulder, as far as `envelope` says."""
+    """The wrist led along an arc to `offset` (left, up, forward; m) from the shoulder, as far as `envelope` says.
+
+    The elbow goes outwards and down, and `back` times as far back.
+    """
     shoulder, elbow, wrist = ARMS[side]
     left, forward = axes(joints)
     up = joints.new_tensor([0.0, 1.0, 0.0])
@@ -152,7 +159,7 @@ def with_arm(
     out[:, wrist] = joints[:, shoulder] + arm
     bent = perpendicular(joints[:, elbow] - joints[:, shoulder], now)
     outwards = left if side == "left" else -left
-    pole = torch.lerp(bent, 0.1 * (outwards - up), share)
+    pole = torch.lerp(bent, 0.1 * (outwards - up - back * forward), share)
     out[:, elbow] = middle(out[:, shoulder], out[:, wrist], pole, elbow, wrist)
     return out
 
@@ -173,19 +180,3 @@ def middle(root: Tensor, end: Tensor, pole: Tensor, first: int, second: int) -> 
     pole = perpendicular(pole, way)
     pole = pole / pole.norm(dim=-1, keepdim=True).clamp_min(1e-6)
     return root + along * way / way.norm(dim=-1, keepdim=True).clamp_min(1e-6) + aside * pole
-
-
-def lingered(joints: Float[Tensor, "T 22 3"], frames: int, start: float = 0.0) -> Float[Tensor, "N 22 3"]:
-    """So many frames of a quiet stretch, played back and forth with soft turns; `start` is where it begins (0 to 1)."""
-    last = len(joints) - 1
-    wave = np.arange(-40, frames + 40) + start * last
-    wave = last - np.abs(wave % (2 * last) - last)
-    at = gaussian_filter1d(wave, min(6.0, last / 4))[40:-40]
-    played = CubicSpline(np.arange(len(joints)), joints.cpu().numpy())(at)
-    return to_uniform_skeleton(torch.as_tensor(played, dtype=joints.dtype, device=joints.device))
-
-
-def eased(share: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
-    """0 to 1, clamped, with soft ends."""
-    share = share.clamp(0.0, 1.0)
-    return share**2 * (3 - 2 * share)

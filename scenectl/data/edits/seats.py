@@ -12,19 +12,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.corpus import Act, Clip
-from scenectl.data.edits.footfalls import smooth
 from scenectl.data.edits.limbs import (
     ARMS,
     LEGS,
     SIDES,
     axes,
-    eased,
     edited,
-    lingered,
     pitched,
     with_arm,
     with_legs,
 )
+from scenectl.data.edits.timing import eased, lingered, smooth
 from scenectl.data.features import FPS, canonicalise
 from scenectl.data.sentences import in_one
 from scenes.motion.skeleton import HUMANML3D
@@ -32,7 +30,7 @@ from scenes.motion.skeleton import HUMANML3D
 SEAT = (0.35, 0.60)
 """Heights (m) of seats, from a stepstool to a high chair."""
 HIPS = 0.10
-"""Metres from the seat up to the joints of the hips: a thigh's radius (girth 0.62 m, ANSUR II, `scenes.body`). The seated
+"""Metres from the seat up to the joints of the hips: a thigh's radius (girth 0.62 m, ANSUR II, `scenes.body`). Seated
 recordings agree: hips at 0.44 m on a stepstool, at 0.53 m on a chair."""
 STANDING = 0.93
 """Metres from the floor to the pelvis of a person who stands, where a clip does not show it."""
@@ -183,7 +181,7 @@ def _hands(
             goal = hip + aside * outwards - 0.04 * forward + (0.03 - HIPS) * up
         arm = goal - joints[:, ARMS[side][0]]
         offset = torch.stack([(arm * axis).sum(-1) for axis in (left, up.expand_as(left), forward)], -1)
-        joints = with_arm(joints, side, offset, eased(onto))
+        joints = with_arm(joints, side, offset, eased(onto), back=1.5)
     return joints
 
 

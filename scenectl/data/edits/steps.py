@@ -11,8 +11,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
-from scenectl.data.edits.footfalls import Fall, feet_shift, places, smooth, walk_of
-from scenectl.data.edits.limbs import LEGS, axes, eased, edited, pitched, with_legs
+from scenectl.data.edits.footfalls import Fall, feet_shift, places, walk_of
+from scenectl.data.edits.limbs import LEGS, axes, edited, pitched, with_legs
+from scenectl.data.edits.timing import eased, smooth
 from scenectl.data.features import canonicalise
 
 RISE = (0.10, 0.22)
@@ -154,7 +155,7 @@ def _over(
 
 
 def _clear(foot: Float[Tensor, "T 2 3"], stairs: Stairs, ends: tuple[float, float]) -> bool:
-    """Whether a foot (ankle, ball) passes over every step from its heel to its toes; `ends`: where it leaves and lands."""
+    """Whether a foot (ankle, ball) passes over every step from heel to toes; `ends`: heights it leaves and lands on."""
     ankle, ball = foot[1:-1].unbind(1)
     along = torch.linspace(0, 1, 8, device=foot.device)
     z = torch.lerp((ankle[:, 2] - HEEL)[:, None], (ball[:, 2] + TOES)[:, None], along)

@@ -9,10 +9,10 @@ from dataclasses import replace
 import torch
 
 from scenectl.data.corpus import Clip
-from scenectl.data.edits.footfalls import feet_shift, places, smooth, walk_of
+from scenectl.data.edits.footfalls import calmed, feet_shift, flattened, places, walk_of
 from scenectl.data.edits.limbs import SIDES, bump, edited, lowered, with_arm, with_legs
+from scenectl.data.edits.timing import smooth
 from scenectl.data.features import canonicalise
-
 
 SIDE_STEP = (0.2, 0.5)
 """Metres from one place of a foot to its next in side-steps."""
@@ -44,7 +44,9 @@ def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
     if found is None or float(clip.joints[-1, 0, 2]) < 1.0 or float(clip.joints[:, 0, 0].abs().max()) > 0.7:
         return None
     walk, falls = found
-    joints, at = walk.joints, places(walk.joints, falls)
+    # Soles of side-steps stay flatter than those of strides, and arms quieter.
+    joints = calmed(flattened(walk.joints, 0.5), 0.6)
+    at = places(joints, falls)
     side, angle = draw.choice(SIDES), draw.choice([math.pi / 2, math.pi / 2, draw.uniform(0.7, 1.2)])
     leading, sign = SIDES.index(side), 1.0 if side == "left" else -1.0
     step, apart = draw.uniform(*SIDE_STEP), draw.uniform(*APART)
