@@ -38,8 +38,10 @@ UP, DOWN = 0.04, 0.09
 """Metres below its standing height within which a pelvis stands, and beyond which it may be on a seat."""
 QUIET = 0.2
 """m/s; a pelvis that moves faster is on its way to the seat or from it."""
-SHORTEST = 12
-"""Frames on a seat that make a sitting."""
+PLANTED = 0.08
+"""Metres below which the ball of a foot is on the floor."""
+SHORTEST, LONG = 6, 20
+"""Frames on a seat that end a sitting down, and that are enough to play back and forth."""
 _SITS = re.compile(r"\bsit")
 _CHAIRS = ((0.41, ("a low stool", "a stepstool", "a low bench")), (0.52, ("a chair", "a bench", "a seat")))
 _HIGH = ("a high stool", "a high chair", "a tall seat")
@@ -69,7 +71,10 @@ def seated(clip: Clip, draw: random.Random) -> Clip | None:
     kinds = ["sit down"] * (chosen.down is not None) + ["stand up"] * (chosen.up is not None)
     if len(kinds) == 2:
         kinds.append("composed")
-    name = draw.choice(["sit", *kinds])
+    kinds += ["sit"] * (chosen.end - chosen.begin >= LONG)
+    if not kinds:
+        return None
+    name = draw.choice(kinds)
     begin, end = _cut(chosen, name, draw)
     height = draw.uniform(*SEAT)
     joints, onto = _led(clip.joints, chosen, height, draw)
@@ -79,8 +84,11 @@ def seated(clip: Clip, draw: random.Random) -> Clip | None:
     copy = edited(clip, name, "", joints)
     if copy is None:
         return None
-    copy = replace(copy, joints=canonicalise(joints), acts=(), captions=_said(name, height, _turns(joints), draw))
-    return _in_acts(copy, onto, height, draw) if name == "composed" else copy
+    copy = replace(copy, joints=canonicalise(joints), acts=())
+    seat = _seat(height, draw)
+    if name == "composed":
+        return _in_acts(copy, onto, seat, draw)
+    return replace(copy, captions=_said(name, seat, _turns(joints), draw))
 
 
 def _sittings(clip: Clip) -> list[_Sitting]:
@@ -101,6 +109,8 @@ def _sittings(clip: Clip) -> list[_Sitting]:
         on = low[before + 1 : after].nonzero()[:, 0] + before + 1
         if len(on) >= SHORTEST and (level := y[on].median()) < stand - DOWN:
             on = on[(y[on] - level).abs() < 0.05]
+            if not _supported(clip.joints[on]):
+                continue
             first = out[-1].end if out else 0
             down, up = (before if before >= 0 else None), (after if after < clip.frames else None)
             out.append(_Sitting(first, down, int(on[0]), int(on[-1]) + 1, up, clip.frames))
@@ -108,6 +118,12 @@ def _sittings(clip: Clip) -> list[_Sitting]:
         out[i] = replace(out[i], last=later.down or later.begin)
         out[i + 1] = replace(later, first=out[i].up or out[i].end)
     return out
+
+
+def _supported(joints: Float[Tensor, "T 22 3"]) -> bool:
+    """Whether a foot is on the floor nearly all the time: legs that dangle do not say where they would stand."""
+    low = joints[:, [ball for *_, ball in LEGS], 1].amin(1) < PLANTED
+    return float(low.float().mean()) > 0.8
 
 
 def _standing(joints: Float[Tensor, "T 22 3"]) -> float:
@@ -156,7 +172,8 @@ def _led(
 def _room(height: float, draw: random.Random) -> float:
     """Metres from the hips forward to the ankles at which knees are bent by a drawn angle."""
     thigh, shin = (float(HUMANML3D.bone_lengths[j]) for j in LEGS[0][1:3])
-    knee = math.radians(draw.uniform(78, 108))
+    # Who sits high has the legs further out than who sits low.
+    knee = math.radians(draw.uniform(78, 108) + 150 * max(height - 0.45, 0.0))
     across = thigh**2 + shin**2 - 2 * thigh * shin * math.cos(knee)
     down = height + HIPS - 0.08
     return math.sqrt(max(across - down**2, 0.12**2))
@@ -191,8 +208,13 @@ def _turns(joints: Float[Tensor, "T 22 3"]) -> bool:
     return bool((forward[0] * forward[-1]).sum() < 0.5)
 
 
-def _said(name: str, height: float, turns: bool, draw: random.Random) -> tuple[str, ...]:
-    seat = draw.choice(next((names for top, names in _CHAIRS if height < top), _HIGH))
+def _seat(height: float, draw: random.Random) -> str:
+    """A name for a seat so high."""
+    return draw.choice(next((names for top, names in _CHAIRS if height < top), _HIGH))
+
+
+def _said(name: str, seat: str, turns: bool, draw: random.Random) -> tuple[str, ...]:
+    """Sentences for a sitting or a part of it."""
     turn = "turns around and " if turns else ""
     texts = {
         "sit down": [
@@ -200,34 +222,33 @@ def _said(name: str, height: float, turns: bool, draw: random.Random) -> tuple[s
             f"someone {turn}takes a seat.",
             f"a person {turn}lowers themself onto {seat}.",
             f"the person {turn}sits down.",
-            f"a person standing {turn}sits on {seat}.",
+            f"a person {turn}takes a seat on {seat}.",
         ],
         "sit": [
             f"a person sits on {seat}.",
-            "someone is sitting still.",
+            "someone sits still.",
             f"a person stays seated on {seat}.",
             "the person sits.",
             "a person remains sitting.",
         ],
         "stand up": [
             f"a person stands up from {seat}.",
-            "someone gets up from a seat.",
-            f"a seated person rises from {seat}.",
+            "someone gets up from their seat.",
+            f"a person rises from {seat}.",
             "the person stands up.",
-            f"a person sitting on {seat} gets to their feet.",
+            "a person gets to their feet.",
         ],
-        "composed": ["a person sits down, sits and stands up again."],
     }[name]
-    return tuple(draw.sample(texts, min(4, len(texts))))
+    return tuple(draw.sample(texts, 4))
 
 
-def _in_acts(clip: Clip, onto: Float[Tensor, " T"], height: float, draw: random.Random) -> Clip:
+def _in_acts(clip: Clip, onto: Float[Tensor, " T"], seat: str, draw: random.Random) -> Clip:
     """The clip with the acts of a whole sitting: down, on the seat, up."""
     on = (onto > 0.97).nonzero()[:, 0]
     edges = [0, int(on[0]) + 2, int(on[-1]) - 1, clip.frames]
     names = ("sit down", "sit", "stand up")
     acts = tuple(
-        Act(begin, end, _said(name, height, False, draw))
+        Act(begin, end, _said(name, seat, False, draw))
         for name, begin, end in zip(names, edges[:-1], edges[1:], strict=True)
     )
     return replace(clip, acts=acts, captions=in_one([act.captions for act in acts]))
