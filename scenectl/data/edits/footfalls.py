@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
@@ -73,7 +73,8 @@ def walk_of(clip: Clip, slower: float, most: int) -> tuple[Clip, list[Fall]] | N
     first, last = falls[1].begin, falls[-2].end
     frames = round((last - first - 1) * slower) + 1
     at = np.linspace(first, last - 1, frames)
-    joints = CubicSpline(np.arange(clip.frames), clip.joints.cpu().numpy())(at)
+    # Monotone between frames, so that a foot that stands does not swing about its place.
+    joints = PchipInterpolator(np.arange(clip.frames), clip.joints.cpu().numpy())(at)
     joints = to_uniform_skeleton(torch.as_tensor(joints, dtype=torch.float32, device=clip.joints.device))
 
     def moved(frame: int) -> int:

@@ -42,8 +42,9 @@ def leaning(clip: Clip, draw: random.Random) -> Clip | None:
     still = _standing(clip.joints)
     if still is None:
         return None
-    joints = lingered(clip.joints[still], draw.randint(int(3 * FPS), int(7 * FPS)), draw.random())
-    envelope = bump(joints, draw, hold=(1.0, 4.0))
+    hold = draw.uniform(1.0, 4.0)
+    joints = lingered(clip.joints[still], round((hold + draw.uniform(2.0, 4.0)) * FPS), draw.random())
+    envelope = bump(joints, draw, hold=(hold, hold))
     if envelope is None:
         return None
     how = draw.choice([_forward, _back, _aside])

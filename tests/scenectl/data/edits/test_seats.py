@@ -31,14 +31,12 @@ def test_all_parts_of_a_sitting_are_made() -> None:
 
 
 def test_bones_feet_and_knees_are_as_they_should() -> None:
-    clip = sitting()
-    own = float(clip.joints.diff(n=2, dim=0).norm(dim=-1).max())
-    for name, copy in many(clip):
+    for name, copy in many(sitting()):
         joints = copy.joints
         torch.testing.assert_close(to_uniform_skeleton(joints), joints, atol=2e-3, rtol=0)
         assert float(joints[:, BALL].diff(dim=0).norm(dim=-1).max()) < 3e-3
         assert float(joints[..., 1].min()) > -1e-5
-        assert float(joints.diff(n=2, dim=0).norm(dim=-1).max()) < 3 * own, name
+        assert float(joints.diff(n=2, dim=0).norm(dim=-1).max()) * 400 < 15, name  # m/s^2
         ahead = joints[:, KNEE] - (joints[:, HIP] + joints[:, ANKLE]) / 2
         assert float(ahead[..., 2].min()) > 0
 
