@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
-from scenectl.data.edits.limbs import ARMS, LEGS, NECK
+from scenectl.data.edits.limbs import ARMS, LEGS, NECK, with_legs
 from scenectl.data.edits.timing import smooth
 from scenectl.data.features import FPS, to_uniform_skeleton
 from scenes.motion.skeleton import HUMANML3D
@@ -75,7 +75,10 @@ def walk_of(clip: Clip, slower: float, most: int) -> tuple[Clip, list[Fall]] | N
     at = np.linspace(first, last - 1, frames)
     # Monotone between frames, so that a foot that stands does not swing about its place.
     joints = PchipInterpolator(np.arange(clip.frames), clip.joints.cpu().numpy())(at)
-    joints = to_uniform_skeleton(torch.as_tensor(joints, dtype=torch.float32, device=clip.joints.device))
+    between = torch.as_tensor(joints, dtype=torch.float32, device=clip.joints.device)
+    joints = to_uniform_skeleton(between)
+    balls = [ball for *_, ball in LEGS]
+    joints = with_legs(joints, joints.new_zeros(frames, 3), between[:, balls] - joints[:, balls])
 
     def moved(frame: int) -> int:
         return min(max(round((frame - first) * slower), 0), frames)

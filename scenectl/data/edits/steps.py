@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.data.corpus import Clip
-from scenectl.data.edits.footfalls import Fall, feet_shift, places, walk_of
+from scenectl.data.edits.footfalls import ANKLE, Fall, feet_shift, places, walk_of
 from scenectl.data.edits.limbs import LEGS, axes, edited, pitched, with_legs
 from scenectl.data.edits.timing import eased, smooth
 from scenectl.data.features import canonicalise
@@ -159,7 +159,9 @@ def _clear(foot: Float[Tensor, "T 2 3"], stairs: Stairs, ends: tuple[float, floa
     ankle, ball = foot[1:-1].unbind(1)
     along = torch.linspace(0, 1, 8, device=foot.device)
     z = torch.lerp((ankle[:, 2] - HEEL)[:, None], (ball[:, 2] + TOES)[:, None], along)
-    sole = torch.lerp((ankle[:, 1] - SOLE)[:, None], ball[:, 1, None], along)
+    # Feet that stand with the ankle lower than most have as much less below it.
+    sunk = min(SOLE, float((foot[[0, -1], 0, 1] - foot[[0, -1], 1, 1]).min()) + SOLE - ANKLE)
+    sole = torch.lerp((ankle[:, 1] - sunk)[:, None], ball[:, 1, None], along)
     ground = stairs.height(z)
     own = ((ground - ends[0]).abs() < 1e-3) | ((ground - ends[1]).abs() < 1e-3)
     return bool((sole - ground - torch.where(own, -CLEAR, CLEAR) > 0).all())
