@@ -36,7 +36,9 @@ def edited(clip: Clip, name: str, how: str, joints: Float[Tensor, "T 22 3"]) -> 
     if not bool(torch.isfinite(joints).all()) or wrong > 2e-3 or float(joints[..., 1].min()) < -SUNK:
         return None
     captions = tuple(f"{text.rstrip('.')} {how}." for text in clip.captions)
-    return replace(clip, id=f"{clip.id}~{name}", joints=joints, captions=captions, label=f"{clip.label}, {name}")
+    return replace(
+        clip, id=f"{clip.id}~{name.replace(' ', '-')}", joints=joints, captions=captions, label=f"{clip.label}, {name}"
+    )
 
 
 def bump(joints: Float[Tensor, "T 22 3"], draw: random.Random, hold: tuple[float, float]) -> Float[Tensor, " T"] | None:
@@ -102,11 +104,14 @@ def rotate(joints: Tensor, pivot: int, moved: list[int], axis: Tensor, angle: Te
 
 
 def with_legs(
-    joints: Float[Tensor, "T 22 3"], body: Float[Tensor, "T 3"], feet: Float[Tensor, "T 2 3"]
+    joints: Float[Tensor, "T 22 3"],
+    body: Float[Tensor, "T 3"],
+    feet: Float[Tensor, "T 2 3"],
+    straight: float = STRAIGHT,
 ) -> Float[Tensor, "T 22 3"]:
     """The body moved by one shift and each foot by its own; knees solved, the body lower where a leg is too short."""
     hips, ankles = [leg[0] for leg in LEGS], [leg[2] for leg in LEGS]
-    length = STRAIGHT * float(sum(HUMANML3D.bone_lengths[j] for j in LEGS[0][1:3]))
+    length = straight * float(sum(HUMANML3D.bone_lengths[j] for j in LEGS[0][1:3]))
     reach = joints[:, hips] + body[:, None] - joints[:, ankles] - feet
     level = reach[..., [0, 2]].square().sum(-1)
     spare = reach[..., 1] - (length**2 - level).clamp_min(0.0).sqrt()
@@ -129,13 +134,20 @@ def with_legs(
 
 
 def with_arm(
-    joints: Float[Tensor, "T 22 3"], side: str, offset: Float[Tensor, "3"], envelope: Float[Tensor, " T"]
+    joints: Float[Tensor, "T 22 3"],
+    side: str,
+    offset: Float[Tensor, "*T 3"],
+    envelope: Float[Tensor, " T"],
+    back: float = 0.0,
 ) -> Float[Tensor, "T 22 3"]:
-    """The wrist led along an arc to `offset` (left, up, forward; m) from the shoulder, as far as `envelope` says."""
+    """The wrist led along an arc to `offset` (left, up, forward; m) from the shoulder, as far as `envelope` says.
+
+    The elbow goes outwards and down, and `back` times as far back.
+    """
     shoulder, elbow, wrist = ARMS[side]
     left, forward = axes(joints)
     up = joints.new_tensor([0.0, 1.0, 0.0])
-    goal = offset[0] * left + offset[1] * up + offset[2] * forward
+    goal = offset[..., :1] * left + offset[..., 1:2] * up + offset[..., 2:] * forward
     now = joints[:, wrist] - joints[:, shoulder]
     length = STRAIGHT * float(HUMANML3D.bone_lengths[elbow] + HUMANML3D.bone_lengths[wrist])
     a, b = now.norm(dim=-1, keepdim=True), goal.norm(dim=-1, keepdim=True)
@@ -147,7 +159,7 @@ def with_arm(
     out[:, wrist] = joints[:, shoulder] + arm
     bent = perpendicular(joints[:, elbow] - joints[:, shoulder], now)
     outwards = left if side == "left" else -left
-    pole = torch.lerp(bent, 0.1 * (outwards - up), share)
+    pole = torch.lerp(bent, 0.1 * (outwards - up - back * forward), share)
     out[:, elbow] = middle(out[:, shoulder], out[:, wrist], pole, elbow, wrist)
     return out
 

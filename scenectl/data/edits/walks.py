@@ -9,7 +9,15 @@ from dataclasses import replace
 import torch
 
 from scenectl.data.corpus import Clip
-from scenectl.data.edits.limbs import LEGS, SIDES, bump, edited, lowered, with_arm, with_legs
+from scenectl.data.edits.footfalls import calmed, feet_shift, flattened, places, walk_of
+from scenectl.data.edits.limbs import SIDES, bump, edited, lowered, with_arm, with_legs
+from scenectl.data.edits.timing import smooth
+from scenectl.data.features import canonicalise
+
+SIDE_STEP = (0.2, 0.5)
+"""Metres from one place of a foot to its next in side-steps."""
+APART = (0.14, 0.22)
+"""Metres between the balls of both feet when they are beside each other; hips are 0.11 m apart."""
 
 
 def crouched(clip: Clip, draw: random.Random) -> Clip | None:
@@ -31,21 +39,34 @@ def ducking(clip: Clip, draw: random.Random) -> Clip | None:
 
 
 def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
-    """A straight walk led off to one side while the body goes on facing forward."""
-    pelvis = clip.joints[:, 0]
-    travel, sideways = float(pelvis[-1, 2] - pelvis[0, 2]), float(pelvis[:, 0].abs().max())
-    if travel < 1.0 or sideways > 0.35 * travel:
+    """A walk turned into side-steps that never cross: one foot goes out to its side, the other one is put beside it."""
+    found = walk_of(clip, draw.uniform(1.0, 1.35), draw.randint(7, 16))
+    if found is None or float(clip.joints[-1, 0, 2]) < 1.0 or float(clip.joints[:, 0, 0].abs().max()) > 0.7:
         return None
-    angle, side = draw.uniform(0.5, math.pi / 2), draw.choice(SIDES)
-    # The more sideways, the shorter: long steps would cross the legs.
-    stride = 1.0 - 0.65 * math.sin(angle) ** 2
-    across = stride * math.sin(angle) * (1.0 if side == "left" else -1.0)
-    ground = clip.joints * clip.joints.new_tensor([0.0, 0.0, 1.0])
-    shift = ground[..., 2:] * clip.joints.new_tensor([across, 0.0, stride * math.cos(angle) - 1.0])
-    joints = with_legs(clip.joints, shift[:, 0], torch.stack([shift[:, foot] for *_, foot in LEGS], dim=1))
-    way = f"to the {side}" if angle > 1.2 else f"diagonally to the {side}, facing forward"
-    copy = edited(clip, "sidestep", "", joints)
-    return copy and replace(copy, captions=(f"a person sidesteps {way}.", f"someone steps sideways {way}."))
+    walk, falls = found
+    # Soles of side-steps stay flatter than those of strides, and arms quieter.
+    joints = calmed(flattened(walk.joints, 0.5), 0.6)
+    at = places(joints, falls)
+    side, angle = draw.choice(SIDES), draw.choice([math.pi / 2, math.pi / 2, draw.uniform(0.7, 1.2)])
+    leading, sign = SIDES.index(side), 1.0 if side == "left" else -1.0
+    step, apart = draw.uniform(*SIDE_STEP), draw.uniform(*APART)
+    out, ahead = step * math.sin(angle), step * math.cos(angle)
+    # Both feet go as far with every pair of footfalls, the leading one first.
+    pair = torch.tensor([sum(fall.side == leading for fall in falls[: i + 1]) for i in range(len(falls))])
+    own = sign * apart / 2 * torch.tensor([1.0 if fall.side == leading else -1.0 for fall in falls])
+    target = torch.stack([sign * out * pair + own, at[:, 1], ahead * pair], dim=-1).to(at)
+    feet = feet_shift(joints, falls, target - at)
+    body = smooth(feet.mean(1), 3.0) * feet.new_tensor([1.0, 0.0, 1.0])
+    way = f"to the {side}" if angle > 1.4 else f"diagonally forward to the {side}"
+    copy = edited(clip, "sidestep", "", with_legs(joints, body, feet, straight=0.99))
+    texts = (
+        f"a person sidesteps {way}.",
+        f"someone steps sideways {way}.",
+        f"a person takes side steps {way}, facing forward.",
+        f"facing forward, the person moves {way} step by step.",
+        f"a person shuffles {way}.",
+    )
+    return copy and replace(copy, joints=canonicalise(copy.joints), captions=tuple(draw.sample(texts, 3)), acts=())
 
 
 def reaching(clip: Clip, draw: random.Random) -> Clip | None:
