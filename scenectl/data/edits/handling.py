@@ -37,7 +37,7 @@ from scenectl.data.kinds import kind_of
 from scenes.motion.skeleton import HUMANML3D
 
 STILL = 0.3
-"""m/s: feet and pelvis of a person who stands are slower, and the wrists than thrice that."""
+"""m/s: feet and pelvis of a person who stands are slower, and the wrists than twice that."""
 SHORTEST = 10
 """Frames a person must stand for a stretch to be held longer."""
 LONGEST = 190
@@ -63,10 +63,10 @@ def stands(joints: Joints) -> list[tuple[int, int]]:
     speed = torch.cat([speed, speed[-1:]])
     pelvis, head = joints[:, 0], joints[:, 15]
     legs = joints[:, 0, 1] - joints[:, [7, 8], 1].amax(1)
-    quiet = (speed[:, [0, 7, 8, 10, 11]] < STILL).all(1) & (speed[:, [20, 21]] < 3 * STILL).all(1)
+    quiet = (speed[:, [0, 7, 8, 10, 11]] < STILL).all(1) & (speed[:, [20, 21]] < 2 * STILL).all(1)
     upright = (head[:, 1] - pelvis[:, 1] > 0.5) & (legs > 0.7)
     hanging = (joints[:, [20, 21], 1] < joints[:, [16, 17], 1] - 0.3).all(1)
-    level = (joints[:, 7] - joints[:, 8]).norm(dim=-1) < 0.5
+    level = ((joints[:, 7] - joints[:, 8]).norm(dim=-1) < 0.5) & (joints[:, [7, 8, 10, 11], 1].amax(1) < 0.2)
     found, count = label((quiet & upright & hanging & level).cpu().numpy())
     edges = [np.flatnonzero(found == i + 1)[[0, -1]] for i in range(count)]
     return [(int(a), int(b) + 1) for a, b in edges if b + 1 - a >= SHORTEST]
@@ -192,7 +192,7 @@ def bow_to(
     `squat` is 0 for a person who bends the back and 1 for one who bends the knees.
     """
     amount = torch.linspace(0.0, 1.0, 41)
-    depth, pitch = amount * (0.22 + 0.33 * squat), amount * (1.5 - 0.5 * squat)
+    depth, pitch = amount * (0.1 + 0.45 * squat), amount * (1.5 - 0.5 * squat)
     still = pose.expand(len(amount), 22, 3)
     left, forward = axes(still)
     turned = turned_trunk(

@@ -42,8 +42,8 @@ PLACES = {
     "the floor": ((0.0, 0.15), (0.3, 0.5)),
     "the ground": ((0.0, 0.15), (0.3, 0.5)),
     "a low stool": ((0.3, 0.5), (0.35, 0.55)),
-    "a table": ((0.65, 0.85), (0.35, 0.6)),
-    "a shelf": ((0.95, 1.2), (0.35, 0.6)),
+    "a table": ((0.65, 0.85), (0.3, 0.5)),
+    "a shelf": ((0.95, 1.2), (0.3, 0.55)),
 }
 """Where things lie: in words, heights and distances ahead of the pelvis, m."""
 
@@ -127,7 +127,9 @@ def any_grasp(draw: random.Random) -> Grasp:
         lead + round((down + dwell) * FPS),
         lead + round((down + dwell + up) * FPS),
     )
-    return Grasp(hold, thing_for(hold, draw), spot, height, ahead, aside, draw.uniform(0.1, 1.0), times)
+    # Knees bend for what lies low; to a table people lean.
+    squat = draw.uniform(0.1, 1.0) * min(1.0, max(0.0, (0.8 - height) / 0.5))
+    return Grasp(hold, thing_for(hold, draw), spot, height, ahead, aside, squat, times)
 
 
 def _with_stop(clip: Clip, draw: random.Random, grasp: Grasp, name: str) -> Clip | None:
