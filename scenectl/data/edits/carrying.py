@@ -5,8 +5,6 @@ from __future__ import annotations
 import random
 from dataclasses import replace
 
-import torch
-
 from scenectl.data.corpus import Clip
 from scenectl.data.edits.handling import (
     SUBJECTS,

@@ -42,6 +42,8 @@ SHORTEST = 10
 """Frames a person must stand for a stretch to be held longer."""
 LONGEST = 190
 """Frames (9.5 s) of an edit that stands."""
+POSED = frozenset(["dance", "acrobatics", "mimicry", "fight", "climb"])
+"""Kinds of motion in which who keeps still strikes a pose."""
 REACH = 0.94
 """Share of the arm's length at which hands take things: an arm that takes something is not quite straight."""
 
@@ -50,7 +52,7 @@ Joints = Float[Tensor, "T 22 3"]
 Track = Float[Tensor, " T"]
 
 
-def smooth(t: Tensor, begin: float, end: float) -> Tensor:
+def smooth(t: Tensor, begin: int, end: int) -> Tensor:
     """0 before `begin`, 1 after `end`, with the least jerk between."""
     s = ((t - begin) / (end - begin)).clamp(0.0, 1.0)
     return s**3 * (s * (6 * s - 15) + 10)
@@ -64,7 +66,7 @@ def stands(joints: Joints) -> list[tuple[int, int]]:
     pelvis, head = joints[:, 0], joints[:, 15]
     legs = joints[:, 0, 1] - joints[:, [7, 8], 1].amax(1)
     quiet = (speed[:, [0, 7, 8, 10, 11]] < STILL).all(1) & (speed[:, [20, 21]] < 2 * STILL).all(1)
-    upright = (head[:, 1] - pelvis[:, 1] > 0.5) & (legs > 0.7)
+    upright = (head[:, 1] - pelvis[:, 1] > 0.56) & (legs > 0.7)
     hanging = (joints[:, [20, 21], 1] < joints[:, [16, 17], 1] - 0.3).all(1)
     level = ((joints[:, 7] - joints[:, 8]).norm(dim=-1) < 0.5) & (joints[:, [7, 8, 10, 11], 1].amax(1) < 0.2)
     found, count = label((quiet & upright & hanging & level).cpu().numpy())
@@ -87,7 +89,7 @@ def walks(clip: Clip) -> bool:
 
 def standing(clip: Clip, draw: random.Random, hold: int) -> Stop | None:
     """A stretch in which the person stands, for `hold` frames; None where the clip has none."""
-    found = stands(clip.joints)
+    found = stands(clip.joints) if kind_of(clip) not in POSED else []
     return _held(clip, [draw.choice(found)], [hold], 0, 0) if found else None
 
 
@@ -105,7 +107,7 @@ def stopping(clip: Clip, draw: random.Random, hold: int) -> Stop | None:
 
 
 def stopping_twice(clip: Clip, draw: random.Random, holds: tuple[int, int]) -> Stop | None:
-    """A walk from one stretch in which the person stands to the next; None where there is none, or it lasts too long."""
+    """A walk from one stretch in which the person stands to the next; None where none is short enough."""
     found = stands(clip.joints)
     pairs = [
         (a, b)
@@ -125,15 +127,19 @@ def _held(clip: Clip, stretches: Sequence[tuple[int, int]], holds: Sequence[int]
     """Stretches shown back and forth for so many frames each, with what lies between, `before` and `after`."""
     at, where = [np.arange(stretches[0][0] - before, stretches[0][0])], []
     for i, ((begin, end), hold) in enumerate(zip(stretches, holds, strict=True)):
+        if end - begin > hold and (not before or i + 1 < len(holds)):
+            begin = end - hold
+        elif end - begin > hold:
+            end, after = begin + hold, 0
         if i:
             at.append(np.arange(stretches[i - 1][1], begin))
         first = sum(map(len, at))
         where.append((first, first + hold))
         last = end - 1 - begin
         rounds = max(1, 2 * round((0.7 * hold / last - 1) / 2) + 1)
-        way = np.linspace(0, rounds * last, hold) if last < hold else np.arange(hold)
+        way = np.linspace(0, rounds * last, hold)
         at.append(begin + last - np.abs(np.mod(way, 2 * last) - last))
-    at.append(np.arange(stretches[-1][1], stretches[-1][1] + after) if last < hold else np.empty(0))
+    at.append(np.arange(stretches[-1][1], stretches[-1][1] + after))
     frames = torch.as_tensor(_eased(np.concatenate(at), before > 0, after > 0))
     low = frames.floor().long().clamp(0, clip.frames - 2)
     joints = torch.lerp(clip.joints[low], clip.joints[low + 1], (frames - low)[:, None, None].to(clip.joints))
@@ -166,8 +172,11 @@ FREE = Place()
 
 def led(joints: Joints, side: Side, places: Sequence[tuple[Place, Track]]) -> Joints:
     """The arm led through places, each with how far the hand has come to it from the one before."""
-    now, pole = joints[:, ARMS[side][2]], elbow_side(joints, side)
-    free, own = now, pole
+    led_away = torch.zeros(len(joints))
+    for place, share in places:
+        led_away = torch.lerp(led_away, torch.full_like(share, float(place.wrist is not None)), share)
+    free, own = joints[:, ARMS[side][2]], elbow_side(joints, side, led_away)
+    now, pole = free, own
     for place, share in places:
         now = torch.lerp(now, free if place.wrist is None else place.wrist, share[:, None])
         pole = torch.lerp(pole, own if place.elbow is None else place.elbow, share[:, None])
@@ -175,7 +184,7 @@ def led(joints: Joints, side: Side, places: Sequence[tuple[Place, Track]]) -> Jo
 
 
 def bowed(joints: Joints, share: Track, depth: float, pitch: float, turn: float) -> Joints:
-    """Knees bent by `depth` (m), the trunk bent by `pitch` and turned to the left by `turn` (rad), over the same feet."""
+    """Knees bent by `depth` (m), the trunk by `pitch` and turned to the left by `turn` (rad), over the same feet."""
     left, forward = axes(joints)
     leant = turned_trunk(pitched(joints, left, pitch * share), left.new_tensor([0.0, 1.0, 0.0]), turn * share)
     # Seat and hips go back as the chest comes forward, or the body would topple.
@@ -192,7 +201,7 @@ def bow_to(
     `squat` is 0 for a person who bends the back and 1 for one who bends the knees.
     """
     amount = torch.linspace(0.0, 1.0, 41)
-    depth, pitch = amount * (0.1 + 0.45 * squat), amount * (1.5 - 0.5 * squat)
+    depth, pitch = amount * (0.1 + 0.45 * squat), amount * (1.5 - 0.3 * squat)
     still = pose.expand(len(amount), 22, 3)
     left, forward = axes(still)
     turned = turned_trunk(
@@ -208,6 +217,7 @@ def bow_to(
 
 
 def arm_length(side: Side) -> float:
+    """How far (m) a wrist comes from its shoulder."""
     _, elbow, wrist = ARMS[side]
     return STRAIGHT * float(HUMANML3D.bone_lengths[elbow] + HUMANML3D.bone_lengths[wrist])
 

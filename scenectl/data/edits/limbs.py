@@ -128,30 +128,6 @@ def with_legs(
     return moved
 
 
-def with_arm(
-    joints: Float[Tensor, "T 22 3"], side: str, offset: Float[Tensor, "3"], envelope: Float[Tensor, " T"]
-) -> Float[Tensor, "T 22 3"]:
-    """The wrist led along an arc to `offset` (left, up, forward; m) from the shoulder, as far as `envelope` says."""
-    shoulder, elbow, wrist = ARMS[side]
-    left, forward = axes(joints)
-    up = joints.new_tensor([0.0, 1.0, 0.0])
-    goal = offset[0] * left + offset[1] * up + offset[2] * forward
-    now = joints[:, wrist] - joints[:, shoulder]
-    length = STRAIGHT * float(HUMANML3D.bone_lengths[elbow] + HUMANML3D.bone_lengths[wrist])
-    a, b = now.norm(dim=-1, keepdim=True), goal.norm(dim=-1, keepdim=True)
-    between = ((now / a) * (goal / b)).sum(-1, keepdim=True).clamp(-0.999, 0.999).acos()
-    share = envelope[:, None]
-    direction = (((1 - share) * between).sin() * now / a + (share * between).sin() * goal / b) / between.sin()
-    arm = direction * torch.lerp(a, b.clamp_max(length), share)
-    out = joints.clone()
-    out[:, wrist] = joints[:, shoulder] + arm
-    bent = perpendicular(joints[:, elbow] - joints[:, shoulder], now)
-    outwards = left if side == "left" else -left
-    pole = torch.lerp(bent, 0.1 * (outwards - up), share)
-    out[:, elbow] = middle(out[:, shoulder], out[:, wrist], pole, elbow, wrist)
-    return out
-
-
 def perpendicular(vector: Tensor, axis: Tensor) -> Tensor:
     """What of a vector is across an axis."""
     axis = axis / axis.norm(dim=-1, keepdim=True).clamp_min(1e-6)
@@ -209,15 +185,16 @@ def with_hand(
     return out
 
 
-def elbow_side(joints: Float[Tensor, "T 22 3"], side: str) -> Float[Tensor, "T 3"]:
+def elbow_side(joints: Float[Tensor, "T 22 3"], side: str, led: Float[Tensor, " T"]) -> Float[Tensor, "T 3"]:
     """Which way the elbow lies from the line between shoulder and wrist, as a unit vector.
 
-    An arm that is nearly straight does not say; behind it and outwards is where elbows are.
+    An arm that is nearly straight does not say: as far as it is `led` away, its elbow is behind it and outwards.
     """
     shoulder, elbow, wrist = ARMS[side]
     bent = perpendicular(joints[:, elbow] - joints[:, shoulder], joints[:, wrist] - joints[:, shoulder])
     left, _, forward = chest(joints)
-    pole = bent + 0.03 * ((left if side == "left" else -left) - forward)
+    doubt = (0.04 - bent.norm(dim=-1, keepdim=True)).clamp_min(0.0) * led[:, None]
+    pole = bent + doubt * ((left if side == "left" else -left) - forward)
     return pole / pole.norm(dim=-1, keepdim=True).clamp_min(1e-6)
 
 

@@ -19,7 +19,6 @@ from scenectl.data.edits.handling import (
     Hold,
     Joints,
     Place,
-    Stop,
     Track,
     any_hold,
     bow_to,
@@ -76,7 +75,7 @@ class Grasp:
 
 
 def picking_up(clip: Clip, draw: random.Random) -> Clip | None:
-    """The person stops, or stands, takes a thing from somewhere and holds it; walks on with it where the clip walks on."""
+    """The person stops, or stands, takes a thing and holds it; where the clip walks on, with it."""
     grasp = any_grasp(draw)
     return _with_stop(clip, draw, grasp, "pick up")
 
@@ -104,7 +103,7 @@ def fetching(clip: Clip, draw: random.Random) -> Clip | None:
         Act(end, begin, carry_captions(first.hold, first.thing, draw, True)),
         Act(begin, len(stop.joints), captions("put down", second, draw)),
     )
-    return _told(clip, "composed", joints, acts) if joints is not None else None
+    return _told(clip, "composed", joints, acts, first.thing) if joints is not None else None
 
 
 def any_grasp(draw: random.Random) -> Grasp:
@@ -113,8 +112,8 @@ def any_grasp(draw: random.Random) -> Grasp:
     spot = draw.choice([*PLACES])
     heights, distances = PLACES[spot]
     height, ahead = draw.uniform(*heights), draw.uniform(*distances)
-    out = {("left",): 1.0, ("right",): -1.0}.get(hold.sides, 0.0)
-    aside = out * draw.uniform(0.0, 0.35) if out else draw.uniform(-0.15, 0.15)
+    out = 1.0 if hold.sides[0] == "left" else -1.0
+    aside = out * draw.uniform(0.0, 0.35) if len(hold.sides) == 1 else draw.uniform(-0.15, 0.15)
     lead, low = draw.randint(5, 12), max(0.0, 1.0 - height)
     down, dwell, up = (
         draw.uniform(0.65, 0.9) + 0.45 * low,
@@ -128,7 +127,7 @@ def any_grasp(draw: random.Random) -> Grasp:
         lead + round((down + dwell + up) * FPS),
     )
     # Knees bend for what lies low; to a table people lean.
-    squat = draw.uniform(0.1, 1.0) * min(1.0, max(0.0, (0.8 - height) / 0.5))
+    squat = draw.uniform(0.4, 1.0) * min(1.0, max(0.0, (0.8 - height) / 0.5))
     return Grasp(hold, thing_for(hold, draw), spot, height, ahead, aside, squat, times)
 
 
@@ -144,14 +143,21 @@ def _with_stop(clip: Clip, draw: random.Random, grasp: Grasp, name: str) -> Clip
     with_it, without = carry_captions(grasp.hold, grasp.thing, draw, True), ("a person walks.", "someone walks.")
     before, after = (without, with_it) if name == "pick up" else (with_it, without)
     acts = [Act(0, begin, before), Act(begin, end, captions(name, grasp, draw)), Act(end, frames, after)]
-    return _told(clip, name, joints, [act for act in acts if act.end > act.begin])
+    return _told(clip, name, joints, [act for act in acts if act.end > act.begin], grasp.thing)
 
 
-def _told(clip: Clip, name: str, joints: Joints, acts: Sequence[Act]) -> Clip | None:
+def _told(clip: Clip, name: str, joints: Joints, acts: Sequence[Act], thing: str) -> Clip | None:
     copy = edited(clip, name.replace(" ", "-"), "", joints)
     texts = in_one([act.captions for act in acts]) if len(acts) > 1 else acts[0].captions
+    # What has been named is "it" from then on, in every other sentence.
+    texts = tuple(_it(text, thing) if i % 2 else text for i, text in enumerate(texts))
     label = f"{clip.label}, {name if len(acts) < 3 else 'composed'}"
     return copy and replace(copy, captions=texts, label=label, acts=tuple(acts) if len(acts) > 1 else ())
+
+
+def _it(text: str, thing: str) -> str:
+    first, named, rest = text.partition(thing)
+    return first + named + rest.replace(thing, "it")
 
 
 def handled(joints: Joints, grasps: Sequence[tuple[str, Grasp, Track]], swing: float) -> Joints | None:
@@ -164,11 +170,10 @@ def handled(joints: Joints, grasps: Sequence[tuple[str, Grasp, Track]], swing: f
     """
     body, goals = joints, []
     for _, grasp, t in grasps:
-        goal = spots(joints[int((t - grasp.times[1]).abs().argmin())], grasp)
-        turn = 0.6 * math.atan2(grasp.aside, grasp.ahead)
-        bow = bow_to(joints[int((t - grasp.times[1]).abs().argmin())], goal, grasp.squat, turn)
-        if bow is None:
+        found = _approached(joints[int((t - grasp.times[1]).abs().argmin())], grasp)
+        if found is None:
             return None
+        goal, bow, turn = found
         share = smooth(t, grasp.times[0], grasp.times[1]) - smooth(t, grasp.times[2], grasp.times[3])
         body = bowed(body, share, *bow, turn)
         goals.append(goal)
@@ -185,12 +190,26 @@ def handled(joints: Joints, grasps: Sequence[tuple[str, Grasp, Track]], swing: f
     return out
 
 
+def _approached(
+    pose: Float[Tensor, "22 3"], grasp: Grasp
+) -> tuple[dict[str, Float[Tensor, "3"]], tuple[float, float], float] | None:
+    """Where the wrists go, how far the body bows (depth, pitch) and turns; people stand near enough not to bow deeper
+    than what lies so high asks for."""
+    turn, most = 0.6 * math.atan2(grasp.aside, grasp.ahead), min(1.5, max(0.35, 1.6 - 1.25 * grasp.height))
+    for near in (1.0, 0.8, 0.65, 0.5):
+        goals = spots(pose, replace(grasp, ahead=max(0.25, near * grasp.ahead), aside=near * grasp.aside))
+        bow = bow_to(pose, goals, grasp.squat, turn)
+        if bow is not None and bow[1] <= most:
+            return goals, bow, turn
+    return None
+
+
 def spots(pose: Float[Tensor, "22 3"], grasp: Grasp) -> dict[str, Float[Tensor, "3"]]:
     """Where the wrists are that grasp the thing."""
     left, forward = (axis[0] for axis in axes(pose[None]))
-    level = pose[0] * pose.new_tensor([1.0, 0.0, 1.0])
-    up = pose.new_tensor([0.0, grasp.height + GRASP, 0.0])
-    middle = level + up + grasp.ahead * forward + grasp.aside * left
+    ground = pose[0] * pose.new_tensor([1.0, 0.0, 1.0])
+    ground[1] = pose[[10, 11], 1].min() + grasp.height + GRASP
+    middle = ground + grasp.ahead * forward + grasp.aside * left
     return {side: middle + 0.5 * grasp.hold.width * (1 if side == "left" else -1) * left for side in grasp.hold.sides}
 
 
