@@ -31,7 +31,9 @@ _GROUPS = {
 """Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
 
 
-EDITS = {"crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking"} | {
+EDITS = {
+    "crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking", "reach standing": "reach",
+} | {
     name: name
     for name in (
         "idle", "start", "stop", "turn in place", "sit down", "sit", "stand up", "climb", "pick up", "put down",

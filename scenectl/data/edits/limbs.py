@@ -180,3 +180,69 @@ def middle(root: Tensor, end: Tensor, pole: Tensor, first: int, second: int) -> 
     pole = perpendicular(pole, way)
     pole = pole / pole.norm(dim=-1, keepdim=True).clamp_min(1e-6)
     return root + along * way / way.norm(dim=-1, keepdim=True).clamp_min(1e-6) + aside * pole
+
+
+TRUNK = (0.17, 0.13)
+"""Half width and half depth (m) around the spine that a hand led elsewhere stays out of: the trunk of the proxy body
+(`scenes.body.body`: capsules of up to 0.13 m, hips 0.1 m aside) and the thickness of a wrist."""
+WRISTS = (20, 21)
+
+
+def chest(
+    joints: Float[Tensor, "T 22 3"],
+) -> tuple[Float[Tensor, "T 3"], Float[Tensor, "T 3"], Float[Tensor, "T 3"]]:
+    """Unit vectors to the left, up and forward of the chest, however it leans."""
+    up = joints[:, NECK] - joints[:, SPINE[0]]
+    up = up / up.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+    left = perpendicular(joints[:, ARMS["left"][0]] - joints[:, ARMS["right"][0]], up)
+    left = left / left.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+    return left, up, torch.linalg.cross(left, up)
+
+
+def turned_trunk(joints: Float[Tensor, "T 22 3"], axis: Tensor, angle: Float[Tensor, " T"]) -> Float[Tensor, "T 22 3"]:
+    """The trunk turned about an axis in three places: about the vertical towards a side, about forward sideways."""
+    joints = joints.clone()
+    for pivot in SPINE:
+        rotate(joints, pivot, _above(pivot), axis.expand(len(joints), 3), angle / len(SPINE))
+    return joints
+
+
+def with_hand(
+    joints: Float[Tensor, "T 22 3"], side: str, goal: Float[Tensor, "T 3"], pole: Float[Tensor, "T 3"]
+) -> Float[Tensor, "T 22 3"]:
+    """The wrist at a place in the world, or as near as the arm is long, the elbow on the side of `pole`."""
+    shoulder, elbow, wrist = ARMS[side]
+    length = STRAIGHT * float(HUMANML3D.bone_lengths[elbow] + HUMANML3D.bone_lengths[wrist])
+    arm = goal - joints[:, shoulder]
+    distance = arm.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+    out = joints.clone()
+    out[:, wrist] = joints[:, shoulder] + arm * (distance.clamp(0.1, length) / distance)
+    out[:, elbow] = middle(out[:, shoulder], out[:, wrist], pole, elbow, wrist)
+    return out
+
+
+def elbow_side(joints: Float[Tensor, "T 22 3"], side: str, led: Float[Tensor, " T"]) -> Float[Tensor, "T 3"]:
+    """Which way the elbow lies from the line between shoulder and wrist, as a unit vector.
+
+    An arm that is nearly straight does not say: as far as it is `led` away, its elbow is behind it and outwards.
+    """
+    shoulder, elbow, wrist = ARMS[side]
+    bent = perpendicular(joints[:, elbow] - joints[:, shoulder], joints[:, wrist] - joints[:, shoulder])
+    left, _, forward = chest(joints)
+    doubt = (0.04 - bent.norm(dim=-1, keepdim=True)).clamp_min(0.0) * led[:, None]
+    pole = bent + doubt * ((left if side == "left" else -left) - forward)
+    return pole / pole.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+
+
+def clear_of_trunk(joints: Float[Tensor, "T 22 3"], goal: Float[Tensor, "T 3"]) -> Float[Tensor, "T 3"]:
+    """A path of a hand led round the trunk (`TRUNK`), where it would go through."""
+    left, up, forward = chest(joints)
+    arm = goal - joints[:, SPINE[0]]
+    height = joints[:, NECK] - joints[:, SPINE[0]]
+    inside = (arm * up).sum(-1)
+    level = ((inside + 0.1) / 0.1).clamp(0, 1) * ((height.norm(dim=-1) + 0.05 - inside) / 0.1).clamp(0, 1)
+    x, z = (arm * left).sum(-1) / TRUNK[0], (arm * forward).sum(-1) / TRUNK[1]
+    radius = (x.square() + z.square()).sqrt().clamp_min(0.05)
+    push = level * (1 / radius - 1).clamp_min(0.0)
+    away = push[:, None] * (x[:, None] * TRUNK[0] * left + z[:, None] * TRUNK[1] * forward)
+    return goal + away.new_tensor(gaussian_filter1d(away.cpu().numpy(), 1.5, axis=0)) if bool(push.any()) else goal

@@ -105,10 +105,11 @@ def test_a_reach_leads_the_named_hand_out_and_back() -> None:
         moved = (copy.joints - clip.joints).norm(dim=-1).amax(0)
         hand, other = (20, 21) if "left" in copy.captions[0] else (21, 20)
         shoulder = hand - 4
-        ahead = copy.joints[:, hand] - copy.joints[:, shoulder]
-        assert float(ahead[:, 2].max()) > 0.25
+        far = (copy.joints[:, hand] - copy.joints[:, shoulder]).norm(dim=-1)
+        assert float(far.max()) > 0.42  # 0.8 of an arm
         assert float(moved[hand]) > 0.2 > float(moved[other])
-        torch.testing.assert_close(copy.joints[[0, -1]], clip.joints[[0, -1]], atol=2e-3, rtol=0)
+        # A straight arm does not say where its elbow is: that one may differ by its last bend.
+        torch.testing.assert_close(copy.joints[[0, -1]], clip.joints[[0, -1]], atol=2e-2, rtol=0)
 
 
 def test_clips_that_an_edit_does_not_suit_are_left_alone() -> None:
