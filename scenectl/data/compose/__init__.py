@@ -1,0 +1,1 @@
+"""Sequences of several acts, made of clips by a motion graph."""
