@@ -23,6 +23,8 @@ NEAR = 5
 """Frames on either side of a seam that count as at the seam: 0.25 s."""
 STANCE = (0.015, 0.06)
 """A foot stands that moves less than this in a frame (m), and is less than this over its floor (m)."""
+SLIDING = (0.025, 0.05)
+"""A foot slides that moves by more than this in a frame (m), less than this over the floor (m), as in GMD's skating."""
 SETTLE = 8
 """Frames before and after a stance in which what a planted foot was moved by comes in and dies out."""
 _FEET = HUMANML3D.indices(FEET)
@@ -109,6 +111,15 @@ def _held(where: np.ndarray, run: tuple[int, int], window: tuple[int, int]) -> n
     after += fade[: len(after)] * shift[run[1] - 1]
     before += fade[: len(before)][::-1] * shift[begin]
     return shift
+
+
+def sliding(joints: Float[Tensor, "T 22 3"]) -> np.ndarray:
+    """In which frames a foot slides over the floor, which is the lowest that it comes, ``[T]``."""
+    feet = joints[:, _FEET].numpy()
+    low = feet[..., 1] - feet[..., 1].min() < SLIDING[1]
+    fast = np.linalg.norm(np.diff(feet[..., [0, 2]], axis=0), axis=-1) > SLIDING[0]
+    slides: np.ndarray = np.r_[(fast & low[1:] & low[:-1]).any(-1), False]
+    return slides
 
 
 def accelerations(joints: Float[Tensor, "T 22 3"]) -> Float[np.ndarray, " T"]:

@@ -53,7 +53,7 @@ MADE = {
 """Of found and edited clips, by how their labels end."""
 
 RECORDED = (
-    (r"bandai: walk-turn|turn", ActKind("turn", weight=3.0)),
+    (r"bandai: walk-turn.*|turn", ActKind("turn", weight=3.0)),
     (r"bandai: walk-(back|left|right)", ActKind("walk aside", steady=True)),
     (r"(bandai: )?walk", ActKind("walk", steady=True, weight=8.0)),
     (r"(bandai: )?run|bandai: dash", ActKind("run", steady=True)),
@@ -76,6 +76,8 @@ LONGEST = 160
 """Frames of an act that is shown whole, at most: something has to fit beside it."""
 _ONE = re.compile(r"\b(and|then|times|around|steps)\b|[,;0-9]")
 """What says that a sentence tells of more than one thing, or of how often: it does not hold of a part."""
+_BARE = re.compile(r"(?<!,)(?<! and) then ")
+"""A "then" that has no place between others: "walks then makes a left turn"."""
 _SAYS = re.compile(r"^(a person|someone|the person|a man|a woman|a human) (\w+ly )?(?!is |does )\w+s\b")
 """A sentence with a subject and a verb in the present, which can be joined to others."""
 
@@ -95,7 +97,7 @@ def act_of(clip: Clip) -> ActKind | None:
 
 def sentences(clip: Clip, act: ActKind) -> tuple[str, ...]:
     """Captions of a clip that hold of what a sequence shows of it, and that a sentence can join to others."""
-    fit = (text for text in clip.captions if _SAYS.match(text))
+    fit = (text for text in clip.captions if _SAYS.match(text) and not _BARE.search(text))
     return tuple(text for text in fit if not (act.steady and _ONE.search(text)))
 
 

@@ -26,6 +26,7 @@ from scenectl.data.seams import (
     planted,
     seam_ratio,
     seen_from_body,
+    sliding,
     standing,
 )
 from scenectl.data.sentences import in_one
@@ -46,8 +47,20 @@ SMOOTH = 1.3
 """Largest acceleration at a seam, over the 99th percentile elsewhere in the sequence."""
 QUIET = 0.012
 """Accelerations (m/frame^2, 4.8 m/s^2) that pass at any seam: in a sequence that hardly moves, all are large."""
+SLIDES = 0.1
+"""Share of the frames at seams in which feet may slide beyond that elsewhere in the sequence."""
+LIVELY = 0.7
+"""Least motion of joints in a stretch of a steady act, as a share of the whole clip's: walkers stop at walls."""
+SAME = 0.06
+"""Largest difference (m) of the pelvis's mean height in a stretch of a steady act from that in the clip."""
 NEIGHBOURS = 24
 """Frames looked at beside each that a piece may end (or begin) with."""
+DOORS = 40
+"""Frames at which one piece may be entered, or left, at most."""
+CLIPS = 16
+"""Clips that match best, of which the one shown least is taken."""
+TRY = 0.05
+"""What an attempt in vain counts for, where the kind of act shown least is the next: some match nothing."""
 _DIMENSIONS = 24
 
 
@@ -95,6 +108,17 @@ class Piece:
         return range(begin + STRETCH[0], min(last, begin + STRETCH[1]) + 1)
 
 
+    def typical(self, begin: int, end: int) -> bool:
+        """Whether a stretch shows what the captions say: of long takes some do not."""
+        if not self.act.steady:
+            return True
+        joints = self.clip.joints
+        motion = joints.diff(dim=0).norm(dim=-1).mean(-1)
+        height = joints[:, 0, 1]
+        lively = motion[begin:end].mean() > LIVELY * motion.mean()
+        return bool(lively and abs(height[begin:end].mean() - height.median()) < SAME)
+
+
 @dataclass
 class Shown:
     """What a sequence shows of a piece: from frame `begin` up to `end`; None where that is still open."""
@@ -117,8 +141,8 @@ class Doors:
 
     def __init__(self, pieces: Sequence[Piece], basis: Float[np.ndarray, "V D"], *, entered: bool) -> None:
         spans = [piece.entries() if entered else piece.exits() for piece in pieces]
-        # Steady acts may be cut anywhere: every other frame is enough.
-        spans = [span[:: 2 if piece.act.steady else 1] for piece, span in zip(pieces, spans, strict=True)]
+        # Long takes have no more doors than others have, or all ways would lead through them.
+        spans = [span[:: 1 + len(span) // DOORS] for span in spans]
         self.pieces = pieces
         self.piece = np.repeat(np.arange(len(pieces)), [len(span) for span in spans])
         self.frame = np.concatenate([np.asarray(span, int) for span in spans])
@@ -199,9 +223,9 @@ class Graph:
         found = self.doors[kind.name, ahead].beside(edge.piece.views[at] @ self.basis, edge.piece.floor[at])
         if not found:
             return False
-        # Among the nearest, those that have been shown least: a few clips would else be the ends of all walks.
-        found = sorted(found, key=lambda each: each[0])[:24]
-        _, row, piece, frame = min(found, key=lambda each: (self.used[each[2].clip.id], each[0]))
+        # Without this, a few clips would be the ends of all walks.
+        best = list({each[2].clip.id: each for each in sorted(found, key=lambda each: -each[0])}.values())[-CLIPS:]
+        _, row, piece, frame = min(best, key=lambda each: (self.used[each[2].clip.id], each[0]))
         if ahead:
             edge.end = at[row]
             chain.append(Shown(piece, begin=frame))
@@ -226,16 +250,19 @@ def composed(clips: Sequence[Clip], draw: random.Random, hours: float) -> list[C
     graph = Graph([*clips, *map(mirrored, clips)])
     made: list[Clip] = []
     names = sorted(graph.kinds)
+    seen = dict.fromkeys(names, 0.0)
     frames, vain = 0, 0
     while names and frames < hours * 3600 * FPS and vain < 200 * len(names):
-        focus = names[(len(made) + vain) % len(names)]
+        focus = min(names, key=lambda name: seen[name])
         chain = graph.sequence(focus, draw.choices([2, 3, 4], [0.5, 0.35, 0.15])[0], draw)
         clip = chain and _joined(chain, draw, len(made))
         if not clip:
-            vain += 1
+            vain, seen[focus] = vain + 1, seen[focus] + TRY
             continue
         assert chain is not None
         graph.used.update(shown.piece.clip.id for shown in chain)
+        for shown in chain:
+            seen[shown.piece.act.name] += 1
         made.append(clip)
         frames, vain = frames + clip.frames, 0
     return made
@@ -245,6 +272,8 @@ def _joined(chain: Sequence[Shown], draw: random.Random, number: int) -> Clip | 
     """The sequence as a clip; None where it is too long, or where a seam shows."""
     spans = [shown.closed(draw) for shown in chain]
     if not FRAMES[0] <= sum(end - begin for begin, end in spans) <= FRAMES[1]:
+        return None
+    if not all(shown.piece.typical(*span) for shown, span in zip(chain, spans, strict=True)):
         return None
     joints, stands, seams = _laid([shown.piece for shown in chain], spans)
     joints = planted(joints, stands, seams)
@@ -288,6 +317,11 @@ def _laid(
 
 
 def _sound(joints: Float[Tensor, "T 22 3"], seams: list[int]) -> bool:
-    """Whether seams are as smooth as the rest."""
-    near = np.concatenate([accelerations(joints)[seam - HALF - 1 : seam + HALF + 2] for seam in seams])
-    return bool(near.max() < QUIET) or seam_ratio(joints, seams) < SMOOTH
+    """Whether seams are as smooth as the rest, and feet slide no more at them."""
+    near = np.zeros(len(joints), bool)
+    for seam in seams:
+        near[seam - HALF - 1 : seam + HALF + 2] = True
+    slides = sliding(joints)
+    if slides[near].mean() > slides[~near].mean() + SLIDES:
+        return False
+    return bool(accelerations(joints)[near].max() < QUIET) or seam_ratio(joints, seams) < SMOOTH
