@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from scenectl.data.corpus import Clip
 from scenectl.data.kinds import kind_of
@@ -17,6 +18,7 @@ class ActKind:
 
     Attributes:
         name: as a composed clip's label says it.
+        first, last: names of what it begins and ends with, where clips of it show more than the act itself.
         before, after: states of the person.
         steady: any stretch of it is one too; others are shown whole.
         weight: how often it is put before or after another, relative to other kinds.
@@ -27,22 +29,24 @@ class ActKind:
     after: str = STANDING
     steady: bool = False
     weight: float = 1.0
+    first: str = ""
+    last: str = ""
 
 
 MADE = {
     kind.name: kind
     for kind in (
         ActKind("idle", steady=True, weight=2.0),
-        ActKind("start", weight=2.0),
-        ActKind("stop", weight=3.0),
+        ActKind("start", weight=2.0, first="idle", last="walk"),
+        ActKind("stop", weight=3.0, first="walk", last="idle"),
         ActKind("turn in place", weight=2.0),
         ActKind("sit down", STANDING, SEATED, weight=2.0),
         ActKind("sit", SEATED, SEATED, steady=True, weight=3.0),
         ActKind("stand up", SEATED, STANDING, weight=3.0),
         ActKind("climb"),
-        ActKind("pick up", STANDING, LADEN),
+        ActKind("pick up", STANDING, LADEN, last="carry"),
         ActKind("carry", LADEN, LADEN, steady=True, weight=3.0),
-        ActKind("put down", LADEN, STANDING),
+        ActKind("put down", LADEN, STANDING, first="carry"),
         ActKind("lean"),
         ActKind("crouch", steady=True),
         ActKind("duck"),
@@ -74,33 +78,43 @@ RECORDED = (
 
 LONGEST = 160
 """Frames of an act that is shown whole, at most: something has to fit beside it."""
-_ONE = re.compile(r"\b(and|then|times|around|steps)\b|[,;0-9]")
+_ONE = re.compile(r"\b(and|then|times|around|(two|three|four) steps)\b|[,;0-9]")
 """What says that a sentence tells of more than one thing, or of how often: it does not hold of a part."""
 _BARE = re.compile(r"(?<!,)(?<! and) then ")
 """A "then" that has no place between others: "walks then makes a left turn"."""
+_HELD = re.compile(r"\b(?:carr\w+|hold\w*|picks up|takes|puts|sets|places|lays) (something|an? \w+)")
 _SAYS = re.compile(r"^(a person|someone|the person|a man|a woman|a human) (\w+ly )?(?!is |does )\w+s\b")
 """A sentence with a subject and a verb in the present, which can be joined to others."""
 
 
 def act_of(clip: Clip) -> ActKind | None:
     """Kind of act that a clip shows; None where it has no part in sequences."""
-    if clip.acts:
-        return None
     made = MADE.get(clip.label.rpartition(", ")[2]) if "~" in clip.id else None
     if made is None:
         name = kind_of(clip)
         made = next((act for pattern, act in RECORDED if re.fullmatch(pattern, name)), None)
     if made is None or (not made.steady and clip.frames > LONGEST):
         return None
-    return made if sentences(clip, made) else None
+    if not all(sentences(act.captions, made) for act in clip.acts) or not sentences(clip.captions, made):
+        return None
+    full = f"{LADEN}: {_held(clip)}"  # what is picked up is what is carried and put down
+    before, after = (full if state == LADEN else state for state in (made.before, made.after))
+    if clip.acts:
+        return replace(made, before=before, after=after)
+    return replace(made, before=before, after=after, first="", last="")
 
 
-def sentences(clip: Clip, act: ActKind) -> tuple[str, ...]:
-    """Captions of a clip that hold of what a sequence shows of it, and that a sentence can join to others."""
-    fit = (text for text in clip.captions if _SAYS.match(text) and not _BARE.search(text))
+def _held(clip: Clip) -> str:
+    """What the person holds, in the words of the captions."""
+    return next((found[1] for text in clip.captions if (found := _HELD.search(text))), "something")
+
+
+def sentences(captions: Sequence[str], act: ActKind) -> tuple[str, ...]:
+    """Captions that hold of what a sequence shows of a clip, and that a sentence can join to others."""
+    fit = (text for text in captions if _SAYS.match(text) and not _BARE.search(text))
     return tuple(text for text in fit if not (act.steady and _ONE.search(text)))
 
 
 def may_follow(first: ActKind, second: ActKind) -> bool:
     """Whether a person who has done the first can do the second next."""
-    return first.after == second.before and first.name != second.name
+    return first.after == second.before and (first.last or first.name) != (second.first or second.name)

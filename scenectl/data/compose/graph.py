@@ -93,7 +93,8 @@ class Piece:
         """Frames at which it may be entered, given where it is left."""
         last = self.clip.frames - 1 - HALF
         if not self.act.steady:
-            return range(HALF, max(HALF, round(EDGE * last)) + 1)
+            first = self.clip.acts[0].end - STRETCH[0] // 2 if self.clip.acts else last
+            return range(HALF, max(HALF, min(first, round(EDGE * last))) + 1)
         if end is None:
             return range(HALF, last - STRETCH[0] + 1)
         return range(max(HALF, end - STRETCH[1]), end - STRETCH[0] + 1)
@@ -102,7 +103,8 @@ class Piece:
         """Frames at which it may be left, given where it is entered."""
         last = self.clip.frames - 1 - HALF
         if not self.act.steady:
-            return range(min(last, round((1 - EDGE) * last)), last + 1)
+            first = self.clip.acts[-1].begin + STRETCH[0] // 2 if self.clip.acts else 0
+            return range(min(last, max(first, round((1 - EDGE) * last))), last + 1)
         if begin is None:
             return range(STRETCH[0] + HALF, last + 1)
         return range(begin + STRETCH[0], min(last, begin + STRETCH[1]) + 1)
@@ -170,17 +172,12 @@ class Graph:
     """All that clips can be joined to."""
 
     def __init__(self, clips: Sequence[Clip]) -> None:
-        pieces: dict[str, list[Piece]] = {}
+        self.pieces: dict[ActKind, list[Piece]] = {}
         for clip in clips:
             act = act_of(clip)
-            if act is not None and clip.frames >= 2 * HALF + 2:
-                pieces.setdefault(act.name, []).append(Piece.of(clip, act))
-        self.pieces = {name: those for name, those in pieces.items() if any(len(p.entries()) for p in those)}
+            if act is not None and clip.frames >= STRETCH[0]:
+                self.pieces.setdefault(act, []).append(Piece.of(clip, act))
         self.used: Counter[str] = Counter()
-
-    @cached_property
-    def kinds(self) -> dict[str, ActKind]:
-        return {name: those[0].act for name, those in self.pieces.items()}
 
     @cached_property
     def basis(self) -> Float[np.ndarray, "V D"]:
@@ -190,16 +187,17 @@ class Graph:
         return np.linalg.eigh(views.T @ views)[1][:, -_DIMENSIONS:]
 
     @cached_property
-    def doors(self) -> dict[tuple[str, bool], Doors]:
+    def doors(self) -> dict[tuple[ActKind, bool], Doors]:
         return {
-            (name, entered): Doors(those, self.basis, entered=entered)
-            for name, those in self.pieces.items()
+            (act, entered): Doors(those, self.basis, entered=entered)
+            for act, those in self.pieces.items()
             for entered in (True, False)
         }
 
     def sequence(self, focus: str, count: int, draw: random.Random) -> list[Shown] | None:
         """Some `count` pieces that match, one of which shows `focus`; None where nothing matches."""
-        chain = [Shown(self._fresh(self.pieces[focus], draw))]
+        kinds = [act for act in self.pieces if act.name == focus]
+        chain = [Shown(self._fresh(self.pieces[draw.choice(kinds)], draw))]
         before = draw.randint(0, count - 1)
         for ahead in [True] * (count - 1 - before) + [False] * before:
             if not self._extend(chain, ahead, draw):
@@ -214,13 +212,14 @@ class Graph:
         """Put a piece after the chain, or before it."""
         edge = chain[-1] if ahead else chain[0]
         act = edge.piece.act
-        fit = [k for k in self.kinds.values() if (may_follow(act, k) if ahead else may_follow(k, act))]
+        fit = [k for k in self.pieces if (may_follow(act, k) if ahead else may_follow(k, act))]
         if not fit:
             return False
-        kind = draw.choices(fit, [k.weight for k in fit])[0]
+        alike = Counter(k.name for k in fit)  # of different things in the hands
+        kind = draw.choices(fit, [k.weight / alike[k.name] for k in fit])[0]
         span = edge.piece.exits(edge.begin) if ahead else edge.piece.entries(edge.end)
         at = list(span)[:: max(1, len(span) // 12)]
-        found = self.doors[kind.name, ahead].beside(edge.piece.views[at] @ self.basis, edge.piece.floor[at])
+        found = self.doors[kind, ahead].beside(edge.piece.views[at] @ self.basis, edge.piece.floor[at])
         if not found:
             return False
         # Without this, a few clips would be the ends of all walks.
@@ -249,7 +248,7 @@ def composed(clips: Sequence[Clip], draw: random.Random, hours: float) -> list[C
     """
     graph = Graph([*clips, *map(mirrored, clips)])
     made: list[Clip] = []
-    names = sorted(graph.kinds)
+    names = sorted({act.name for act in graph.pieces})
     seen = dict.fromkeys(names, 0.0)
     frames, vain = 0, 0
     while names and frames < hours * 3600 * FPS and vain < 200 * len(names):
@@ -280,8 +279,11 @@ def _joined(chain: Sequence[Shown], draw: random.Random, number: int) -> Clip | 
     if not _sound(joints, seams):
         return None
     pieces, edges = [shown.piece for shown in chain], [0, *seams, len(joints)]
-    texts = [draw.choice(sentences(piece.clip, piece.act)) for piece in pieces]
-    acts = tuple(Act(a, b, (text,)) for a, b, text in zip(edges[:-1], edges[1:], texts, strict=True))
+    acts = tuple(
+        act
+        for piece, (begin, _), a, b in zip(pieces, spans, edges[:-1], edges[1:], strict=True)
+        for act in _acts(piece, a - begin, a, b, draw)
+    )
     return Clip(
         id=f"composed{number:05d}~" + "+".join(piece.clip.id for piece in pieces),
         joints=canonicalise(joints),
@@ -291,6 +293,14 @@ def _joined(chain: Sequence[Shown], draw: random.Random, number: int) -> Clip | 
         acts=acts,
         **combined([piece.clip for piece in pieces]),
     )
+
+
+def _acts(piece: Piece, moved: int, first: int, last: int, draw: random.Random) -> list[Act]:
+    """What a piece shows between two frames of a sequence, in which it is `moved` frames later than in its clip."""
+    own = piece.clip.acts or (Act(0, piece.clip.frames, piece.clip.captions),)
+    edges = [first, *(act.end + moved for act in own[:-1]), last]
+    texts = [draw.choice(sentences(act.captions, piece.act)) for act in own]
+    return [Act(a, b, (text,)) for a, b, text in zip(edges[:-1], edges[1:], texts, strict=True)]
 
 
 def _laid(
