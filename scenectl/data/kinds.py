@@ -31,7 +31,7 @@ _GROUPS = {
 """Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
 
 
-EDITS = {"crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking", "composed": "composed"}
+EDITS = {"crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking"}
 """Pose edits, which end the labels of the copies they make, and the kinds of their own that these are: copies are many,
 and would outweigh the few recordings in a kind with them."""
 

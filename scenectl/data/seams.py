@@ -1,4 +1,4 @@
-"""Where one stretch of motion goes on as another: how alike two frames are, and how pieces are laid one after the other.
+"""Where one stretch of motion goes on as another: how alike frames are, how pieces are laid one after the other.
 
 Poses and velocities are seen from the body, as in a motion graph (Kovar et al. 2002), so that place and facing do not
 count.
@@ -123,7 +123,7 @@ def sliding(joints: Float[Tensor, "T 22 3"]) -> np.ndarray:
 
 
 def accelerations(joints: Float[Tensor, "T 22 3"]) -> Float[np.ndarray, " T"]:
-    """Largest acceleration of a joint in each frame (m/frame^2); the first and the last frame have their neighbour's."""
+    """Largest acceleration of a joint in each frame (m/frame^2); first and last as their neighbours."""
     inner = joints.diff(n=2, dim=0).norm(dim=-1).amax(-1).numpy()
     return np.r_[inner[:1], inner, inner[-1:]]
 

@@ -89,9 +89,10 @@ _SAYS = re.compile(r"^(a person|someone|the person|a man|a woman|a human) (\w+ly
 
 def act_of(clip: Clip) -> ActKind | None:
     """Kind of act that a clip shows; None where it has no part in sequences."""
-    made = MADE.get(clip.label.rpartition(", ")[2]) if "~" in clip.id else None
+    end = clip.label.rpartition(", ")[2]
+    made = MADE.get(end) if "~" in clip.id else None
     if made is None:
-        name = kind_of(clip)
+        name = "" if end == "composed" else kind_of(clip)
         made = next((act for pattern, act in RECORDED if re.fullmatch(pattern, name)), None)
     if made is None or (not made.steady and clip.frames > LONGEST):
         return None

@@ -71,23 +71,14 @@ class Piece:
     Attributes:
         clip: as recorded, found or edited.
         act: its kind.
-        views: poses and velocities seen from the body, ``[T, 264]``, such that distances are metres.
+        views: poses and velocities seen from the body, in few numbers whose distances are metres.
         floor: height of the floor under each frame (m).
     """
 
     clip: Clip
     act: ActKind
-    views: Float[np.ndarray, "T V"]
+    views: Float[np.ndarray, "T D"]
     floor: Float[np.ndarray, " T"]
-
-    @classmethod
-    def of(cls, clip: Clip, act: ActKind) -> Piece:
-        joints, floor = clip.joints, floors(clip.joints)
-        pose, step = seen_from_body(joints, heading(Motion(joints)))
-        pose[..., 1] -= torch.from_numpy(floor)[:, None]
-        step = torch.cat([step[:1], (step[:-1] + step[1:]) / 2, step[-1:]])
-        views = torch.stack([pose, HALF * step], dim=1).flatten(1) / joints.shape[1] ** 0.5
-        return cls(clip, act, views.numpy(), floor)
 
     def entries(self, end: int | None = None) -> range:
         """Frames at which it may be entered, given where it is left."""
@@ -108,7 +99,6 @@ class Piece:
         if begin is None:
             return range(STRETCH[0] + HALF, last + 1)
         return range(begin + STRETCH[0], min(last, begin + STRETCH[1]) + 1)
-
 
     def typical(self, begin: int, end: int) -> bool:
         """Whether a stretch shows what the captions say: of long takes some do not."""
@@ -138,10 +128,26 @@ class Shown:
         return begin, min(self.piece.clip.frames, begin + length) if end is None else end
 
 
+def views(joints: Float[Tensor, "T 22 3"], floor: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 132"]:
+    """Poses and velocities of all frames seen from the body; distances are root mean squares over joints (m)."""
+    pose, step = seen_from_body(joints, heading(Motion(joints)))
+    pose[..., 1] -= torch.from_numpy(floor)[:, None]
+    step = torch.cat([step[:1], (step[:-1] + step[1:]) / 2, step[-1:]])
+    seen: np.ndarray = torch.stack([pose, HALF * step], dim=1).flatten(1).numpy() / joints.shape[1] ** 0.5
+    return seen
+
+
+def basis(clips: Sequence[Clip]) -> Float[np.ndarray, "132 D"]:
+    """Directions in which views of the clips differ most: distances along these are nearly all of the distances."""
+    seen = np.concatenate([views(clip.joints, floors(clip.joints))[::8] for clip in clips])
+    seen = seen - seen.mean(0)
+    return np.linalg.eigh(seen.T @ seen)[1][:, -_DIMENSIONS:].astype(np.float32)
+
+
 class Doors:
     """Frames of all pieces of one kind at which they may be entered, or left, and the search among them."""
 
-    def __init__(self, pieces: Sequence[Piece], basis: Float[np.ndarray, "V D"], *, entered: bool) -> None:
+    def __init__(self, pieces: Sequence[Piece], *, entered: bool) -> None:
         spans = [piece.entries() if entered else piece.exits() for piece in pieces]
         # Long takes have no more doors than others have, or all ways would lead through them.
         spans = [span[:: 1 + len(span) // DOORS] for span in spans]
@@ -149,16 +155,16 @@ class Doors:
         self.piece = np.repeat(np.arange(len(pieces)), [len(span) for span in spans])
         self.frame = np.concatenate([np.asarray(span, int) for span in spans])
         self.floor = np.concatenate([piece.floor[list(span)] for piece, span in zip(pieces, spans, strict=True)])
-        views = [piece.views[list(span)] @ basis for piece, span in zip(pieces, spans, strict=True)]
-        self.tree = KDTree(np.concatenate(views)) if len(self.frame) else None
+        seen = [piece.views[list(span)] for piece, span in zip(pieces, spans, strict=True)]
+        self.tree = KDTree(np.concatenate(seen)) if len(self.frame) else None
 
-    def beside(self, views: Float[np.ndarray, "N D"], floor: np.ndarray) -> list[tuple[float, int, Piece, int]]:
-        """Distance, row of `views`, piece and frame of doors that match some of the views and stand on their floor."""
-        if self.tree is None or not len(views):
+    def beside(self, seen: Float[np.ndarray, "N D"], floor: np.ndarray) -> list[tuple[float, int, Piece, int]]:
+        """Distance, row of `seen`, piece and frame of doors that match some of the views and stand on their floor."""
+        if self.tree is None or not len(seen):
             return []
         count = min(NEIGHBOURS, len(self.frame))
-        far, door = self.tree.query(views, k=count, distance_upper_bound=ALIKE)
-        far, door = far.reshape(len(views), -1), door.reshape(len(views), -1)
+        far, door = self.tree.query(seen, k=count, distance_upper_bound=ALIKE)
+        far, door = far.reshape(len(seen), -1), door.reshape(len(seen), -1)
         rows, columns = np.nonzero(np.isfinite(far))
         found = []
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
@@ -172,24 +178,19 @@ class Graph:
     """All that clips can be joined to."""
 
     def __init__(self, clips: Sequence[Clip]) -> None:
+        known = [(clip, act) for clip in clips if clip.frames >= STRETCH[0] and (act := act_of(clip)) is not None]
+        directions = basis([clip for clip, _ in known[:: 1 + len(known) // 500]]) if known else np.empty((0, 0))
         self.pieces: dict[ActKind, list[Piece]] = {}
-        for clip in clips:
-            act = act_of(clip)
-            if act is not None and clip.frames >= STRETCH[0]:
-                self.pieces.setdefault(act, []).append(Piece.of(clip, act))
+        for clip, act in known:
+            floor = floors(clip.joints)
+            seen = views(clip.joints, floor) @ directions
+            self.pieces.setdefault(act, []).append(Piece(clip, act, seen, floor))
         self.used: Counter[str] = Counter()
-
-    @cached_property
-    def basis(self) -> Float[np.ndarray, "V D"]:
-        """Directions in which views differ most; distances along them are the whole distance but for little."""
-        views = np.concatenate([piece.views[::8] for those in self.pieces.values() for piece in those])
-        views = views - views.mean(0)
-        return np.linalg.eigh(views.T @ views)[1][:, -_DIMENSIONS:]
 
     @cached_property
     def doors(self) -> dict[tuple[ActKind, bool], Doors]:
         return {
-            (act, entered): Doors(those, self.basis, entered=entered)
+            (act, entered): Doors(those, entered=entered)
             for act, those in self.pieces.items()
             for entered in (True, False)
         }
@@ -219,7 +220,7 @@ class Graph:
         kind = draw.choices(fit, [k.weight / alike[k.name] for k in fit])[0]
         span = edge.piece.exits(edge.begin) if ahead else edge.piece.entries(edge.end)
         at = list(span)[:: max(1, len(span) // 12)]
-        found = self.doors[kind, ahead].beside(edge.piece.views[at] @ self.basis, edge.piece.floor[at])
+        found = self.doors[kind, ahead].beside(edge.piece.views[at], edge.piece.floor[at])
         if not found:
             return False
         # Without this, a few clips would be the ends of all walks.
@@ -321,7 +322,7 @@ def _laid(
         stood = standing(piece.clip.joints, piece.floor)[begin - HALF : stop]
         seams.append(len(joints) - 1 - HALF)
         joints = torch.cat([joints[:-window], blended(joints[-window:], placed[:window]), placed[window:]])
-        stands = np.concatenate([stands[: -HALF], stood[HALF + 1 :]])
+        stands = np.concatenate([stands[:-HALF], stood[HALF + 1 :]])
         level = float(piece.floor[min(end, len(piece.floor) - 1)]) + rise
     return joints, stands, seams
 
