@@ -12,9 +12,9 @@ JOINTS = (", then ", " and then ", ", and then ", ", and after that ")
 """Between one thing and the next; a plain "and" as well, where neither has one of its own."""
 _TURNED = 0.4
 """Share of the sentences that say "after" or "before", where they can."""
-_VERB = re.compile(r"^(?P<how>\w+ly )?(?:is (?P<doing>\w+ing)|(?P<verb>\w+s))\b(?P<rest>.*)$")
+_VERB = re.compile(r"^(?P<how>\w+ly )?(?:is (?P<doing>\w+ing)|(?P<verb>(?!is\b)\w+s))\b(?P<rest>.*)$")
 """A verb in the present, third person, first or behind an adverb."""
-_MORE = re.compile(r" and | then |[,;]| (is|are) |\b(starts|stops|begins|keeps|continues)\b")
+_MORE = re.compile(r" and | then |[,;]| (is|are) |\b(starts|stops|begins|keeps|continues) (to|\w+ing)\b")
 """What shows that there is a second verb."""
 _DOUBLED = re.compile(r"[^aeiou]*(qu)?[aeiou][^aeiouwxy]")
 """Verbs of one short syllable, whose last letter is doubled: sit, run, stop, squat."""
