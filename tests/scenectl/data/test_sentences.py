@@ -38,7 +38,8 @@ def test_the_order_of_words_turns_only_with_a_word_for_it() -> None:
     [
         ("walks forward", "walking forward"), ("sits down", "sitting down"), ("waves", "waving"), ("runs", "running"),
         ("carries a box", "carrying a box"), ("lies down", "lying down"), ("crouches", "crouching"),
-        ("stops", "stopping"), ("is walking", "walking"), ("slowly gets up", "slowly getting up"), ("squats", "squatting"),
+        ("stops", "stopping"), ("is walking", "walking"), ("slowly gets up", "slowly getting up"),
+        ("squats", "squatting"),
         ("tiptoes", "tiptoeing"), ("does a bow", "doing a bow"), ("throws a ball", "throwing a ball"),
         ("raises a hand", "raising a hand"), ("leans", "leaning"), ("is seated", None), ("walks and waves", None),
         ("a title", None), ("starts to walk", None), ("dances", "dancing"), ("passes by", "passing by"),
