@@ -38,7 +38,7 @@ MADE = {
     for kind in (
         ActKind("idle", steady=True, weight=2.0),
         ActKind("start", weight=2.0, first="idle", last="walk"),
-        ActKind("stop", weight=3.0, first="walk", last="idle"),
+        ActKind("stop", weight=5.0, first="walk", last="idle"),
         ActKind("turn in place", weight=2.0),
         ActKind("sit down", STANDING, SEATED, weight=2.0),
         ActKind("sit", SEATED, SEATED, steady=True, weight=3.0),
@@ -57,9 +57,9 @@ MADE = {
 """Of found and edited clips, by how their labels end."""
 
 RECORDED = (
-    (r"bandai: walk-turn.*|turn", ActKind("turn", weight=3.0)),
+    (r"bandai: walk-turn.*|turn", ActKind("turn", weight=4.0)),
     (r"bandai: walk-(back|left|right)", ActKind("walk aside", steady=True)),
-    (r"(bandai: )?walk", ActKind("walk", steady=True, weight=8.0)),
+    (r"(bandai: )?walk", ActKind("walk", steady=True, weight=24.0)),
     (r"(bandai: )?run|bandai: dash", ActKind("run", steady=True)),
     (r"sneak", ActKind("sneak", steady=True)),
     (r"bandai: (wave.*|bye.*)", ActKind("wave")),
