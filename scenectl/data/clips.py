@@ -18,7 +18,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from scenectl.data.augment import Augmentation, augmented
-from scenectl.data.corpus import COLLECTION, CREDITS, Clip, load_motions
+from scenectl.data.corpus import COLLECTION, CREDITS, Clip, load_motions, terms_of
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
 from scenectl.data.kinds import kind_of
 from scenectl.data.sentences import in_one
@@ -133,7 +133,8 @@ class ClipSet:
         licence = "commercial use allowed, see the terms of the sources"
         if not all(self.commercial):
             licence = "non-commercial use only (part of the training data is CC BY-NC 4.0 or of unstated origin)"
-        pairs = sorted(set(zip(self.sources, self.licences, strict=True)))
+        made = set(zip(self.sources, self.licences, strict=True))
+        pairs = sorted({pair for source, licence in made for pair in terms_of(source, licence)})
         return licence, [f"{source}: {terms}. {CREDITS.get(source, '')}".rstrip() for source, terms in pairs]
 
     def draw(self, length: int, batch: int, generator: torch.Generator) -> Drawn:
@@ -224,7 +225,7 @@ def told(clip: Clip) -> list[Told]:
     acts = clip.acts
     parts = [Told(act.begin, act.end, list(act.captions)) for act in acts]
     runs = [
-        Told(acts[i].begin, acts[j - 1].end, list(in_one([act.captions for act in acts[i:j]])), j - i)
+        Told(acts[i].begin, acts[j - 1].end, list(in_one([act.captions for act in acts[i:j]], most=2)), j - i)
         for i in range(len(acts))
         for j in range(i + 2, len(acts) + 1)
         if j - i < len(acts)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -42,6 +43,9 @@ HOW = (
     "npz files (docs/formats.md)"
 )
 """Where to get one."""
+
+TOGETHER = " + "
+"""Between the sources, and between the licences, of a clip that is made of several."""
 
 _SWAP = {"left": "right", "right": "left", "clockwise": "counterclockwise", "counterclockwise": "clockwise"}
 _SIDES = re.compile(rf"(?<![^ ])({'|'.join(_SWAP)})(?=[.,;:!]*(?: |\Z))")
@@ -170,6 +174,21 @@ def mirrored(clip: Clip) -> Clip:
         label=label,
         acts=tuple(replace(act, captions=_swapped(act.captions)) for act in clip.acts),
     )
+
+
+def combined(clips: Sequence[Clip]) -> dict[str, Any]:
+    """Source, licence and commercial_ok of something made of all these clips: every source with its own terms."""
+    pairs = sorted({pair for clip in clips for pair in terms_of(clip.source, clip.licence)})
+    return {
+        "source": TOGETHER.join(source for source, _ in pairs),
+        "licence": TOGETHER.join(licence for _, licence in pairs),
+        "commercial_ok": all(clip.commercial_ok for clip in clips),
+    }
+
+
+def terms_of(source: str, licence: str) -> list[tuple[str, str]]:
+    """Each source of a clip and its licence; clips made of several name them in the same order."""
+    return list(zip(source.split(TOGETHER), licence.split(TOGETHER), strict=True))
 
 
 def _swapped(captions: tuple[str, ...]) -> tuple[str, ...]:

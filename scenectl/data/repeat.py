@@ -11,6 +11,7 @@ from torch import Tensor
 
 from scenectl.data.corpus import Clip
 from scenectl.data.features import canonicalise, smoothed_heading, to_uniform_skeleton
+from scenectl.data.seams import seen_from_body
 from scenes.motion.headings import turned
 
 SHORTEST_LOOP = 12
@@ -45,10 +46,7 @@ def repeated(clip: Clip, draw: random.Random, frames: tuple[int, int] = (120, 20
 
 def _loop(joints: Float[Tensor, "T 22 3"]) -> tuple[int, int] | None:
     """First and last frame of the loop that closes best; beginnings in the first half, ends in the second."""
-    heading = smoothed_heading(joints)
-    ground = joints[:, :1] * joints.new_tensor([1.0, 0.0, 1.0])
-    pose = turned(joints - ground, -heading[:, None])
-    velocity = turned(joints.diff(dim=0), -heading[:-1, None])
+    pose, velocity = seen_from_body(joints, smoothed_heading(joints))
     half, frames = (len(joints) - 1) // 2, len(joints) - 1
     if half < 1 or frames - half < 1:
         return None

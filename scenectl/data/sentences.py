@@ -8,12 +8,22 @@ from collections.abc import Sequence
 
 SUBJECT = re.compile(r"^(a person|someone|the person|a man|a woman|a human|he|she|they) (?=\w)")
 """What the sentences of the collection begin with."""
-JOINTS = (", then ", " and then ", ", and then ", " and ", ", after that ")
-"""Between one thing and the next."""
+JOINTS = (", then ", " and then ", ", and then ", ", and after that ")
+"""Between one thing and the next; a plain "and" as well, where neither has one of its own."""
+_TURNED = 0.4
+"""Share of the sentences that say "after" or "before", where they can."""
+_VERB = re.compile(r"^(?P<how>\w+ly )?(?:is (?P<doing>\w+ing)|(?P<verb>(?!is\b)\w+s))\b(?P<rest>.*)$")
+"""A verb in the present, third person, first or behind an adverb."""
+_MORE = re.compile(r" and | then |[,;]| (is|are) |\b(starts|stops|begins|keeps|continues) (to|\w+ing)\b")
+"""What shows that there is a second verb."""
+_DOUBLED = re.compile(r"[^aeiou]*(qu)?[aeiou][^aeiouwxy]")
+"""Verbs of one short syllable, whose last letter is doubled: sit, run, stop, squat."""
 
 
 def in_one(captions: Sequence[Sequence[str]], most: int = 6) -> tuple[str, ...]:
     """Sentences that say several things in their order: "a person walks forward, then sits down".
+
+    Some turn the order of the words and not that of the things: "after walking forward, a person sits down".
 
     Args:
         captions: of each thing, sentences that say it.
@@ -25,8 +35,51 @@ def in_one(captions: Sequence[Sequence[str]], most: int = 6) -> tuple[str, ...]:
 
 def _joined(texts: Sequence[str], draw: random.Random) -> str:
     first, *rest = (text.strip().rstrip(".") for text in texts)
-    said = first
-    for i, text in enumerate(rest):
-        plain = "" if i + 1 < len(rest) and draw.random() < 0.5 else draw.choice(JOINTS)
-        said += (plain or ", ") + SUBJECT.sub("", text)
-    return f"{said}."
+    subject = SUBJECT.match(first)
+    things = [SUBJECT.sub("", text) for text in (first, *rest)]
+    begun, ended = doing(things[0]), doing(things[-1])
+    said = ""
+    if rest and subject and draw.random() < _TURNED:
+        who = subject[0]
+        ways = [f"after {begun}, {who}{_listed(things[1:], draw)}"] if begun else []
+        ways += [f"{who}{things[1]} after {begun}"] if begun and len(things) == 2 and doing(things[1]) else []
+        ways += [f"{who}{_listed(things[:-1], draw)} before {ended}"] if ended else []
+        said = draw.choice(ways) if ways else ""
+    return f"{said or _listed([first, *things[1:]], draw)}."
+
+
+def _listed(texts: Sequence[str], draw: random.Random) -> str:
+    said = texts[0]
+    for i, text in enumerate(texts[1:], start=2):
+        plain = not re.search(r" and |, ", said + text)
+        joint = ", " if i < len(texts) and draw.random() < 0.5 else draw.choice((*JOINTS, " and ") if plain else JOINTS)
+        said += joint + text
+    return said
+
+
+def doing(text: str) -> str | None:
+    """What somebody does, as a participle: "walks forward" is "walking forward".
+
+    None for what says more than one thing, or is no verb in the third person.
+    """
+    found = _VERB.match(text)
+    if found is None or _MORE.search(text):
+        return None
+    return f"{found['how'] or ''}{found['doing'] or _participle(found['verb'])}{found['rest']}"
+
+
+def _participle(verb: str) -> str:
+    """ "walks" -> "walking", "sits" -> "sitting", "waves" -> "waving", "carries" -> "carrying"."""
+    if verb.endswith("ies") and len(verb) > 4:  # and not "lies"
+        stem = f"{verb[:-3]}y"
+    elif re.search(r"((ch|sh|ss|x|zz)|^(go|do))es$", verb):
+        stem = verb[:-2]
+    else:
+        stem = verb[:-1]
+    if stem.endswith("ie"):
+        return f"{stem[:-2]}ying"
+    if stem.endswith("e") and not stem.endswith(("ee", "oe", "ye")):
+        stem = stem[:-1]
+    elif _DOUBLED.fullmatch(stem):
+        stem += stem[-1]
+    return f"{stem}ing"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from scenectl.data.sentences import in_one
+import re
+
+import pytest
+
+from scenectl.data.sentences import doing, in_one
 
 WALKS = ("a person walks forward.", "someone walks ahead.")
 SITS = ("a person sits down on a chair.",)
@@ -10,11 +14,39 @@ WAVES = ("the person waves.", "a person waves with the right hand")
 
 
 def test_all_is_said_in_order_with_one_subject_and_one_full_stop() -> None:
-    for text in in_one([WALKS, SITS, WAVES], most=30):
-        assert text.startswith(("a person walks forward", "someone walks ahead"))
-        assert text.index("walks") < text.index("sits down on a chair") < text.index("waves")
+    for text in in_one([WALKS, SITS, WAVES], most=60):
+        places = [
+            re.search(verb, text) for verb in ("walk(s|ing) (forward|ahead)", "sits down on a chair", "wav(es|ing)")
+        ]
+        assert [place is not None for place in places] == [True] * 3
+        assert sorted(place.start() for place in places if place) == [place.start() for place in places if place]
         assert text.count(".") == 1 and text.endswith(".")
         assert sum(text.count(subject) for subject in ("a person", "someone", "the person")) == 1
+
+
+def test_the_order_of_words_turns_only_with_a_word_for_it() -> None:
+    texts = set(in_one([WALKS[:1], SITS], most=60))
+    assert "after walking forward, a person sits down on a chair." in texts
+    assert "a person sits down on a chair after walking forward." in texts
+    assert "a person walks forward before sitting down on a chair." in texts
+    for text in texts:
+        assert (text.index("sit") < text.index("walk")) == text.startswith("a person sits")
+
+
+@pytest.mark.parametrize(
+    ("says", "does"),
+    [
+        ("walks forward", "walking forward"), ("sits down", "sitting down"), ("waves", "waving"), ("runs", "running"),
+        ("carries a box", "carrying a box"), ("lies down", "lying down"), ("crouches", "crouching"),
+        ("stops", "stopping"), ("is walking", "walking"), ("slowly gets up", "slowly getting up"),
+        ("squats", "squatting"),
+        ("tiptoes", "tiptoeing"), ("does a bow", "doing a bow"), ("throws a ball", "throwing a ball"),
+        ("raises a hand", "raising a hand"), ("leans", "leaning"), ("is seated", None), ("walks and waves", None),
+        ("a title", None), ("starts to walk", None), ("dances", "dancing"), ("passes by", "passing by"),
+    ],
+)  # fmt: skip
+def test_participles(says: str, does: str | None) -> None:
+    assert doing(says) == does
 
 
 def test_wordings_vary_and_are_the_same_again() -> None:
