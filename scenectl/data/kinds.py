@@ -31,15 +31,11 @@ _GROUPS = {
 """Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
 
 
-EDITS = {
-    "crouch": "crouch", "duck": "duck", "sidestep": "sidestep", "reach": "reach while walking", "reach standing": "reach",
-} | {
-    name: name
-    for name in (
-        "idle", "start", "stop", "turn in place", "sit down", "sit", "stand up", "climb", "pick up", "put down",
-        "carry", "lean", "composed",
-    )
-}  # fmt: skip
+_OWN = (
+    "idle", "start", "stop", "turn in place", "sit down", "sit", "stand up", "climb", "pick up", "put down", "carry",
+    "lean", "crouch", "duck", "sidestep", "composed",
+)  # fmt: skip
+EDITS = {name: name for name in _OWN} | {"reach": "reach while walking", "reach standing": "reach"}
 """What ends the labels of clips that are found in, edited from or composed of recorded ones, and the kinds that these
 are: such clips are many, and would outweigh the few recordings in a kind with them."""
 

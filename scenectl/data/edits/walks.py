@@ -10,7 +10,8 @@ import torch
 
 from scenectl.data.corpus import Clip
 from scenectl.data.edits.footfalls import calmed, feet_shift, flattened, places, walk_of
-from scenectl.data.edits.limbs import SIDES, bump, edited, lowered, with_legs
+from scenectl.data.edits.handling import Place, arm_length, bowed, led, standing, walks
+from scenectl.data.edits.limbs import ARMS, SIDES, axes, bump, chest, edited, lowered, with_legs
 from scenectl.data.edits.timing import smooth
 from scenectl.data.features import canonicalise
 
@@ -18,8 +19,6 @@ SIDE_STEP = (0.2, 0.5)
 """Metres from one place of a foot to its next in side-steps."""
 APART = (0.14, 0.22)
 """Metres between the balls of both feet when they are beside each other; hips are 0.11 m apart."""
-from scenectl.data.edits.handling import Place, arm_length, bowed, led, standing, walks
-from scenectl.data.edits.limbs import ARMS, axes, chest
 
 
 def crouched(clip: Clip, draw: random.Random) -> Clip | None:
