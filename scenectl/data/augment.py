@@ -1,15 +1,25 @@
-"""Copies of clips that stay physical: mirrored, bent, slower or faster, edited, with more rounds of what repeats."""
+"""Copies of clips that stay physical: mirrored, bent, slower or faster, edited, with more rounds of what repeats; and
+what is found in clips and composed of them."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import torch
 from pydantic import Field
 
+from scenectl.data.compose import composed
 from scenectl.data.corpus import Clip, bent, mirrored, retimed
+from scenectl.data.edits.carrying import carrying
+from scenectl.data.edits.lean import leaning
+from scenectl.data.edits.picking import fetching, picking_up, putting_down
+from scenectl.data.edits.seats import seated
+from scenectl.data.edits.steps import climbing
 from scenectl.data.edits.walks import crouched, ducking, reaching, sidestepping
+from scenectl.data.found import found
 from scenectl.data.kinds import kind_of
 from scenectl.data.repeat import repeated
 from scenes.tables import Table
@@ -21,6 +31,21 @@ REPEATING = frozenset(
     + [f"bandai: {content}" for content in ("walk", "walk-left", "walk-right", "walk-back", "run", "dash")]
 )
 """Kinds of motion that may go on and on: a longer walk is still a walk, but two bows are not a bow."""
+WALKS = {"crouch": crouched, "duck": ducking, "sidestep": sidestepping, "reach": reaching, "climb": climbing}
+"""Edits of walks, by the setting that says how many of them each gets."""
+ALL = {
+    "reach": reaching,
+    "lean": leaning,
+    "seat": seated,
+    "pick_up": picking_up,
+    "put_down": putting_down,
+    "fetch": fetching,
+    "carry": carrying,
+}
+"""Edits that are tried on everything else, too; each takes what suits it."""
+
+
+_SWITCHES = ("mirror", "bend", "found", *WALKS, *ALL, "composed", "repeat")
 
 
 class Augmentation(Table):
@@ -33,7 +58,10 @@ class Augmentation(Table):
         min_travel: metres a clip must travel along +z to be bent.
         max_sideways: metres a clip may leave the z axis to be bent; the map folds far from it.
         speed: each bent copy is also resampled by a factor drawn from 1/speed .. speed.
-        crouch, duck, sidestep, reach: share of the walks that get a copy with this pose edit (0 to 1).
+        found: cut pieces out of recordings that show one act (`scenectl.data.found`); edits are tried on them, too.
+        crouch, duck, sidestep, climb: copies with this edit that a walk is tried for; a fraction is a share of them.
+        reach, lean, seat, pick_up, put_down, fetch, carry: the same of every clip.
+        composed: hours of sequences of acts (`scenectl.data.compose`).
         repeat: share of the short clips of `REPEATING` kinds that get a copy which goes on for six to ten seconds.
     """
 
@@ -43,11 +71,26 @@ class Augmentation(Table):
     min_travel: float = 1.0
     max_sideways: float = 1.0
     speed: float = 1.15
-    crouch: float = Field(default=0.5, ge=0, le=1)
-    duck: float = Field(default=0.5, ge=0, le=1)
-    sidestep: float = Field(default=0.5, ge=0, le=1)
-    reach: float = Field(default=0.5, ge=0, le=1)
+    found: bool = True
+    crouch: float = Field(default=0.5, ge=0)
+    duck: float = Field(default=0.5, ge=0)
+    sidestep: float = Field(default=1.0, ge=0)
+    climb: float = Field(default=1.0, ge=0)
+    reach: float = Field(default=0.5, ge=0)
+    lean: float = Field(default=1.0, ge=0)
+    seat: float = Field(default=20.0, ge=0)
+    pick_up: float = Field(default=1.0, ge=0)
+    put_down: float = Field(default=1.0, ge=0)
+    fetch: float = Field(default=1.0, ge=0)
+    carry: float = Field(default=0.5, ge=0)
+    composed: float = Field(default=6.0, ge=0)
     repeat: float = Field(default=1.0, ge=0, le=1)
+
+    @classmethod
+    def none(cls, **but: Any) -> Augmentation:
+        """No copies at all, but what is stated."""
+        off = {name: type(field.default)(0) for name, field in cls.model_fields.items() if name in _SWITCHES}
+        return cls(**(off | but))
 
 
 def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[Clip]:
@@ -56,24 +99,29 @@ def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[
     out = list(clips)
     for clip in clips:
         out += [copy for _ in range(settings.bend) if (copy := _bent_copy(clip, settings, draw)) is not None]
-    out += _edited_copies(clips, settings, draw)
     cyclic = [clip for clip in clips if kind_of(clip) in REPEATING and draw.random() < settings.repeat]
     out += [copy for clip in cyclic if (copy := repeated(clip, draw)) is not None]
+    whole = [*clips, *(found(clips) if settings.found else ())]
+    edited = edits(whole, settings, draw)
+    out += [*whole[len(clips) :], *edited]
     if settings.mirror:
         out += [mirrored(clip) for clip in out]
+    if settings.composed:
+        out += composed([*whole, *edited], draw, settings.composed)
     return out
 
 
-def _edited_copies(clips: Sequence[Clip], settings: Augmentation, draw: random.Random) -> list[Clip]:
-    edits = {
-        crouched: settings.crouch,
-        ducking: settings.duck,
-        sidestepping: settings.sidestep,
-        reaching: settings.reach,
-    }
-    walks = [clip for clip in clips if _walks(clip) and clip.frames >= SHORTEST_EDIT]
-    copies = (edit(clip, draw) for clip in walks for edit, share in edits.items() if draw.random() < share)
-    return [copy for copy in copies if copy is not None]
+def edits(clips: Sequence[Clip], settings: Augmentation, draw: random.Random) -> list[Clip]:
+    """Copies of clips with something led elsewhere: `WALKS` of walks, `ALL` of whatever suits them."""
+    out = []
+    for clip in clips:
+        walks = _walks(clip) and clip.frames >= SHORTEST_EDIT
+        for name, edit in (WALKS | ALL if walks else ALL).items():
+            wanted = getattr(settings, name)
+            count = int(wanted) + (draw.random() < wanted % 1)
+            copies = [copy for _ in range(count) if (copy := edit(clip, draw)) is not None]
+            out += [replace(copy, id=f"{copy.id}-{i}") for i, copy in enumerate(copies)]
+    return out
 
 
 def _walks(clip: Clip) -> bool:

@@ -23,7 +23,7 @@ from scenectl.training.captions import Captions
 from scenectl.training.loop import Figures, Loop, LoopSettings
 from scenes.tables import Table
 
-MIRRORED = Augmentation(mirror=True, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
+MIRRORED = Augmentation.none(mirror=True, repeat=1.0)
 
 
 class EvaluatorTraining(Table):

@@ -228,20 +228,23 @@ def test_the_shortest_clip_can_be_retimed() -> None:
 
 def test_augmentation_makes_what_it_says_in_a_fixed_order() -> None:
     straight, still = clip(canonicalise(walk(60))), clip(canonicalise(walk(60, speed=0.05)), id="b")
-    got = augmented([straight, still], Augmentation(bend=2), seed=1)
-    again = augmented([straight, still], Augmentation(bend=2), seed=1)
+    settings = Augmentation(composed=0.0)
+    got = augmented([straight, still], settings, seed=1)
+    again = augmented([straight, still], settings, seed=1)
     assert [c.id for c in got] == [c.id for c in again] and len({c.id for c in got}) == len(got)
     assert all(torch.equal(a.joints, b.joints) for a, b in zip(got, again, strict=True))
     assert [c.id for c in got[:2]] == ["a", "b"]
     assert not any(c.id.startswith("b~b") for c in got)  # who does not travel is not bent
     assert sum(c.id.endswith("~m") for c in got) == len(got) / 2
     assert any(c.id.startswith("a~b") for c in got)
-    unedited = {"crouch": 0.0, "duck": 0.0, "sidestep": 0.0, "reach": 0.0, "repeat": 0.0}
-    assert [c.id for c in augmented([straight], Augmentation(bend=0, mirror=False, **unedited), 0)] == ["a"]
-    for name in unedited:
-        only = Augmentation(bend=0, mirror=False, **{**unedited, name: 1.0})
-        assert [c.id for c in augmented([straight], only, 0)] == ["a", f"a~{name}"]
+    assert [c.id for c in augmented([straight], Augmentation.none(), 0)] == ["a"]
+    for name in ("crouch", "duck", "sidestep", "reach"):
+        only = Augmentation.none(**{name: 2})
+        assert [c.id for c in augmented([straight], only, 0)] == ["a", f"a~{name}-0", f"a~{name}-1"]
+    assert [c.id for c in augmented([straight], Augmentation.none(repeat=1.0), 0)] == ["a", "a~repeat"]
     running = replace(straight, label="run")
-    assert len(augmented([running], Augmentation(bend=0, mirror=False, repeat=0.0), 0)) == 1
-    turns = [math.copysign(1, float(c.joints[-1, 0, 0])) for c in augmented([straight], Augmentation(bend=12), 0)[1:13]]
+    assert len(augmented([running], Augmentation.none(crouch=1, duck=1, sidestep=1, climb=1), 0)) == 1
+    turns = [
+        math.copysign(1, float(c.joints[-1, 0, 0])) for c in augmented([straight], Augmentation.none(bend=12), 0)[1:13]
+    ]
     assert {-1.0, 1.0} <= set(turns)

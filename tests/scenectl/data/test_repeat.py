@@ -56,7 +56,7 @@ def test_what_never_comes_back_is_not_repeated() -> None:
 
 
 def test_only_repeating_kinds_get_copies() -> None:
-    plain = Augmentation(mirror=False, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
+    plain = Augmentation.none(repeat=1.0)
     assert [c.id for c in augmented([walking()], plain, 0)] == ["a", "a~repeat"]
     assert len(augmented([walking(label="bow")], plain, 0)) == 1
     assert len(augmented([walking()], plain.model_copy(update={"repeat": 0.0}), 0)) == 1
