@@ -1,4 +1,4 @@
-"""What can be read off a recorded motion frame by frame: how fast it goes, how it turns, how upright and quiet it is."""
+"""What can be read off a recorded motion frame by frame: how fast it goes, how it turns, how upright it stands."""
 
 from __future__ import annotations
 
