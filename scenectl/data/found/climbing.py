@@ -44,9 +44,9 @@ def climbs(clip: Clip) -> Iterator[Clip]:
                 continue
             a, b = widened(max(0, begin - _PAD), min(clip.frames, end + _PAD), clip.frames)
             draw = drawn_for(clip, "climb", begin)
-            many = ("a few steps", "some steps", "the steps", "the stairs", "a short flight of stairs")
+            many: tuple[str, ...] = ("a few steps", "some steps", "the steps", "the stairs", "a short flight of stairs")
             if rise > 0.5 and re.search(r"\b(3|three) steps", clip.label):
-                many = ("three steps", *many)
+                many: tuple[str, ...] = ("three steps", *many)
             captions = said(
                 [text.format(steps=draw.choice(many if rise > 0.3 else ("a step",))) for text in texts], draw, 6
             )

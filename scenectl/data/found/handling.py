@@ -14,7 +14,7 @@ from scenectl.data.found.pieces import SHORTEST, drawn_for, piece, said, widened
 from scenectl.data.found.traits import HEAD, PELVIS, TOES, WRISTS, Traits
 
 _FLOOR, _HIGH = 0.55, 0.1
-"""Height (m) of a wrist whose hand is at the floor, and how far below a standing head one takes from up high."""
+"""Height (m) of a wrist whose hand is at the floor, and how far below a standing head one is that is up high."""
 _LYING, _OFF_FLOOR, _PASSING = 0.25, 0.15, 0.8
 """Who has the pelvis lower (m) lies, both feet higher (m) jumps, who is faster (m/s) passes by."""
 _AROUND = 50

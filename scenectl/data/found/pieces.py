@@ -25,7 +25,7 @@ def piece(
         clip,
         id=f"{clip.id}~{name.replace(' ', '-')}{at}",
         joints=canonicalise(joints),
-        captions=tuple(captions),
+        captions=tuple(dict.fromkeys(captions)),
         label=f"{clip.label}, {name}",
         acts=tuple(acts),
     )

@@ -1,4 +1,4 @@
-"""What a recorded motion tells frame by frame: how fast it goes, how it turns, how upright and how quiet it is."""
+"""What can be read off a recorded motion frame by frame: how fast it goes, how it turns, how upright it stands."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def bends(joints: Float[np.ndarray, "T 22 3"]) -> Float[np.ndarray, "T 2"]:
 
 
 def runs(mask: Bool[np.ndarray, " T"], least: int, gap: int = 0) -> list[tuple[int, int]]:
-    """First frames and ends of the stretches of at least `least` frames where `mask` holds, short gaps included."""
+    """First frames and ends of the stretches of at least `least` frames where `mask` holds; short gaps count too."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     found: list[list[int]] = []
     for begin, end in edges.reshape(-1, 2).tolist():
