@@ -7,6 +7,7 @@ for two bones. Joint positions in the canonical frame, metres; bone lengths are 
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -14,7 +15,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from torch import Tensor
 
-from scenectl.data.corpus import Clip
+from scenectl.data.corpus import Act, Clip
 from scenectl.data.features import FPS, to_uniform_skeleton
 from scenes.motion.headings import across
 from scenes.motion.motion import Motion
@@ -28,6 +29,8 @@ STRAIGHT = 0.998
 """Largest share of a limb's length that an edit stretches it to."""
 SUNK = 0.005
 """How far (m) an edit may bring a joint below the floor of its clip."""
+_UP, _SHORT = 0.1, 8
+"""Share of an edit from which on it shows, and frames beside it that are too few to tell of."""
 
 
 def edited(clip: Clip, name: str, how: str, joints: Float[Tensor, "T 22 3"]) -> Clip | None:
@@ -39,6 +42,15 @@ def edited(clip: Clip, name: str, how: str, joints: Float[Tensor, "T 22 3"]) -> 
     return replace(
         clip, id=f"{clip.id}~{name.replace(' ', '-')}", joints=joints, captions=captions, label=f"{clip.label}, {name}"
     )
+
+
+def in_turn(captions: tuple[str, ...], doing: Sequence[str], envelope: Float[Tensor, " T"]) -> tuple[Act, ...]:
+    """Acts of a clip with an edit in it: what it shows anyway, what is done while the envelope is up, and the rest."""
+    up = torch.nonzero(envelope > _UP).flatten()
+    begin, end = int(up[0]), int(up[-1]) + 1
+    begin, end = begin if begin >= _SHORT else 0, end if len(envelope) - end >= _SHORT else len(envelope)
+    parts = (Act(0, begin, captions), Act(begin, end, tuple(doing)), Act(end, len(envelope), captions))
+    return tuple(act for act in parts if act.begin < act.end)
 
 
 def bump(joints: Float[Tensor, "T 22 3"], draw: random.Random, hold: tuple[float, float]) -> Float[Tensor, " T"] | None:

@@ -11,7 +11,7 @@ import torch
 from scenectl.data.corpus import Clip
 from scenectl.data.edits.footfalls import calmed, feet_shift, flattened, places, walk_of
 from scenectl.data.edits.handling import Place, arm_length, bowed, led, standing, walks
-from scenectl.data.edits.limbs import ARMS, SIDES, axes, bump, chest, edited, lowered, with_legs
+from scenectl.data.edits.limbs import ARMS, SIDES, axes, bump, chest, edited, in_turn, lowered, with_legs
 from scenectl.data.edits.timing import smooth
 from scenectl.data.features import canonicalise
 
@@ -35,8 +35,12 @@ def ducking(clip: Clip, draw: random.Random) -> Clip | None:
     envelope = bump(clip.joints, draw, hold=(0.2, 0.7))
     if envelope is None:
         return None
-    how = draw.choice(["and ducks under something", "and ducks down on the way", "ducking under a bar"])
-    return edited(clip, "duck", how, lowered(clip.joints, depth * envelope, 2.0 * depth * envelope))
+    hows = ["ducks under something", "ducks down on the way", "ducks under a bar"]
+    copy = edited(
+        clip, "duck", f"and {draw.choice(hows)}", lowered(clip.joints, depth * envelope, 2.0 * depth * envelope)
+    )
+    doing = [f"{who} {how}." for who, how in zip(("a person", "someone", "the person"), hows, strict=True)]
+    return copy and replace(copy, acts=in_turn(clip.captions, doing, envelope))
 
 
 def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
@@ -109,4 +113,6 @@ def reaching(clip: Clip, draw: random.Random) -> Clip | None:
     starts = [f"{text.rstrip('.')} and" for text in clip.captions] if moves else ["a person", "someone"]
     texts = tuple(f"{start} {how}." for start in starts for how in draw.sample(hows, 2))
     label = f"{clip.label}, {'reach' if moves else 'reach standing'}"
-    return copy and replace(copy, captions=texts, label=label)
+    doing = [f"{who} {how}." for who, how in zip(("a person", "someone", "the person"), hows, strict=True)]
+    acts = in_turn(clip.captions, doing, envelope) if moves else ()
+    return copy and replace(copy, captions=texts, label=label, acts=acts)

@@ -46,7 +46,7 @@ def climbs(clip: Clip) -> Iterator[Clip]:
             draw = drawn_for(clip, "climb", begin)
             many: tuple[str, ...] = ("a few steps", "some steps", "the steps", "the stairs", "a short flight of stairs")
             if rise > 0.5 and re.search(r"\b(3|three) steps", clip.label):
-                many: tuple[str, ...] = ("three steps", *many)
+                many = ("three steps", *many)
             captions = said(
                 [text.format(steps=draw.choice(many if rise > 0.3 else ("a step",))) for text in texts], draw, 6
             )

@@ -125,3 +125,16 @@ def test_legs_too_short_for_a_step_lower_the_body() -> None:
     thigh, shin = HUMANML3D.bone_lengths[KNEES[0]], HUMANML3D.bone_lengths[ANKLES[0]]
     reach = (copy.joints[:, HIPS] - copy.joints[:, ANKLES]).norm(dim=-1)
     assert float(reach.max()) <= thigh + shin + 1e-4
+
+
+@pytest.mark.parametrize("edit", [ducking, reaching])
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_done_on_the_way_is_told_when_it_is_done(edit: Edit, seed: int) -> None:
+    clip, copy = made(edit, seed)
+    assert [copy.acts[0].begin, *(act.end for act in copy.acts)] == [0, *(act.begin for act in copy.acts[1:]), 120]
+    other = [act for act in copy.acts if act.captions != clip.captions]
+    moved = (copy.joints - clip.joints).norm(dim=-1).amax(-1)
+    (act,) = other
+    assert act.begin <= int(moved.argmax()) < act.end
+    outside = torch.cat([moved[: act.begin], moved[act.end :]])
+    assert float(outside.max()) < 0.35 * float(moved.max())
