@@ -24,7 +24,7 @@ from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import check_request
 from scenectl.generators.windows import Windows
 from scenectl.networks.precision import cpu_has_bfloat16
-from scenectl.networks.text import TextFeatures
+from scenectl.networks.text import TimedText
 from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
@@ -149,14 +149,14 @@ class MSCoT:
         step = self._refinable(state)
         return Draft(step.motion, step, {"tilt_kl_nats": state.moved, "frames": state.frames})
 
-    def _text(self, prompt: str, samples: int) -> TextFeatures:
+    def _text(self, prompt: str, samples: int) -> TimedText:
         """The prompt for every sample, then 'no text' for every sample (classifier-free guidance)."""
-        one = self.bundle.text.encode([prompt.lower().strip()] * 2)
+        one = TimedText.whole(self.bundle.text.encode([prompt.lower().strip()] * 2))
         pair = self.bundle.transformer.without_text(one, torch.tensor([False, True], device=one.sentence.device))
-        return TextFeatures(*(torch.repeat_interleave(x, samples, 0) for x in (pair.sentence, pair.words, pair.mask)))
+        return pair.each(lambda x: torch.repeat_interleave(x, samples, 0))
 
     def _draw_tokens(
-        self, state: _State, text: TextFeatures, guide: Guide | None, draw: torch.Generator, progress: Progress
+        self, state: _State, text: TimedText, guide: Guide | None, draw: torch.Generator, progress: Progress
     ) -> None:
         cache = Cache()
         for k in range(self.quantiser.scales):
@@ -190,7 +190,7 @@ class MSCoT:
         return windows.series(in_turns(windows, self.quantiser, windows.rows(logits), done, sample))
 
     @torch.no_grad()
-    def _prior(self, state: _State, text: TextFeatures, k: int, cache: Cache) -> Float[Tensor, "S L_k V"]:
+    def _prior(self, state: _State, text: TimedText, k: int, cache: Cache) -> Float[Tensor, "S L_k V"]:
         """Log-probabilities of scale k's tokens given text and coarser tokens."""
         twice = [torch.cat([e, e]) for e in map(state.windows.rows, state.codes)]
         both = self.bundle.transformer.predict(self.quantiser, text, twice, k, state.finest, cache)

@@ -15,6 +15,7 @@ from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Scale, clip_at, clipped, tilted
 from scenectl.generators.mscot.sampling import MSCoT, _sample, _State
 from scenectl.generators.mscot.settings import Sampling
+from scenectl.networks.text import TimedText
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
 from tests.objectives.cases import context
@@ -176,8 +177,8 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
         text = generator._text("a person walks", 1)
         first.append(generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
-    told = transformer.predict(q, made.text.encode(["a person walks"]), [], 0, 10)
-    none = transformer.without_text(made.text.encode(["whatever it is"]), torch.tensor([True]))
+    told = transformer.predict(q, TimedText.whole(made.text.encode(["a person walks"])), [], 0, 10)
+    none = transformer.without_text(TimedText.whole(made.text.encode(["whatever it is"])), torch.tensor([True]))
     untold = transformer.predict(q, none, [], 0, 10)
     for got, wanted in zip(first, (untold, told, 2 * told - untold), strict=True):
         torch.testing.assert_close(got, wanted.log_softmax(-1), atol=1e-4, rtol=1e-4)
