@@ -15,6 +15,7 @@ from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Scale, clip_at, clipped, tilted
 from scenectl.generators.mscot.sampling import MSCoT, _sample, _State
 from scenectl.generators.mscot.settings import Sampling
+from scenectl.generators.prompts import Prompts
 from scenectl.networks.text import TimedText
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
@@ -47,7 +48,7 @@ class Towards:
 def test_it_says_what_it_is(generator: MSCoT) -> None:
     assert (generator.name, generator.licence) == ("mscot", "CC0-1.0")
     spec = generator.spec
-    assert (spec.fps, spec.shortest, spec.longest, spec.window_frames) == (20.0, 1.8, 60.0, 196)
+    assert (spec.fps, spec.shortest, spec.longest, spec.window_frames) == (20.0, 1.8, 120.0, 196)
 
 
 @pytest.mark.parametrize("frames", [36, 37, 39, 61, 64, 129, 196])
@@ -174,7 +175,7 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     first: list[Tensor] = []
     for cfg in (0.0, 1.0, 2.0):
         generator = MSCoT(made, Sampling(cfg=cfg, temperature=1.0))
-        text = generator._text("a person walks", 1)
+        text = generator._text(Prompts.of("a person walks"), covering(10), 1)
         first.append(generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
     told = transformer.predict(q, TimedText.whole(made.text.encode(["a person walks"])), [], 0, 10)
