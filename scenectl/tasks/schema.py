@@ -343,11 +343,8 @@ class TaskTable(_Table):
             )
         if "sentences" not in spec.abilities:
             self.prompts.single(self.generator.name)
-        _ = (
-            self.prompts,
-            self.terms,
-            self.avoided,
-        )  # unknown goals and parameters are errors of the task, not of its run
+        # Unknown goals and parameters, and times that cannot be, are errors of the task, not of its run.
+        _ = self.prompts, self.terms, self.avoided
 
     @model_validator(mode="before")
     @classmethod
@@ -381,15 +378,14 @@ class TaskTable(_Table):
         """The sentences with their times; raises UserError for times that cannot be."""
         if isinstance(self.prompt, str):
             return Prompts.of(self.prompt)
-        told, last = list[Prompt](), 0.0
-        for spec in self.prompt:
-            begin = last if spec.begin is None else spec.begin
+        told, ends = list[Prompt](), [0.0, *(spec.end for spec in self.prompt)]
+        for spec, before in zip(self.prompt, ends, strict=False):
+            begin = before if spec.begin is None else spec.begin
             if begin is None:
                 raise UserError(
                     f"prompt '{clipped(spec.text)}' has no 'begin', and the one before it no 'end'; state one of them"
                 )
             told.append(Prompt(spec.text, begin, spec.end))
-            last = spec.end
         return Prompts(tuple(told))
 
     def told(self: AnyTask, prompts: Prompts | str) -> AnyTask:

@@ -15,7 +15,7 @@ from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Scale, clip_at, clipped, tilted
 from scenectl.generators.mscot.sampling import MSCoT, _sample, _State
 from scenectl.generators.mscot.settings import Sampling
-from scenectl.generators.prompts import Prompts
+from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.networks.text import TimedText
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
@@ -202,7 +202,8 @@ def test_progress_is_told_scale_by_scale(generator: MSCoT) -> None:
     [
         ({"prompts": "  "}, "prompt is empty"),
         ({"seconds": 1.7}, "1.8"),
-        ({"seconds": 61.0}, "60"),
+        ({"seconds": 121.0}, "120"),
+        ({"prompts": Prompts((Prompt("a"), Prompt("b", 2.0)))}, "begins at 2 s"),
         ({"seconds": float("nan")}, "nan"),
         ({"samples": 0}, "at least 1"),
     ],
