@@ -232,5 +232,5 @@ def test_a_sentence_after_the_end_is_refused_and_a_string_and_tables_exclude_eac
     with pytest.raises(UserError, match="begins at 5 s, and the motion lasts 4 s"):
         Task(prompt=[{"text": "a"}, {"text": "b", "begin": 5.0}], seconds=4.0).build()
     (tmp_path / "both.toml").write_text('prompt = "a person walks"\n' + TIMELINE)
-    with pytest.raises(UserError, match="task file '.*both.toml'"):
+    with pytest.raises(UserError, match=r"task file '.*both\.toml'"):
         load_task(tmp_path / "both.toml")
