@@ -465,7 +465,7 @@ def _last_end(prompt: Any) -> float | None:
     """When the last of several sentences ends, where it says so in a number."""
     last = prompt[-1] if isinstance(prompt, list | tuple) and prompt else None
     end = last.get("end") if isinstance(last, Mapping) else getattr(last, "end", None)
-    return end if isinstance(end, int | float) else None
+    return float(end) if isinstance(end, int | float) else None
 
 
 def _moved(place: Sequence[float], by: Place) -> tuple[float, ...]:
