@@ -22,6 +22,7 @@ _HOMES = {
     "scenectl.data.formats.motions": "load_motion",
     "scenectl.export.export": "export",
     "scenectl.generators": "load_generator",
+    "scenectl.generators.prompts": "Prompt Prompts",
     "scenectl.pipeline.editing": "edit",
     "scenectl.pipeline.results": "Result",
     "scenectl.retarget.robots.robot": "Robot",

@@ -4,6 +4,7 @@ from scenectl.control import ObjectiveGuide as ObjectiveGuide
 from scenectl.data.formats.motions import load_motion as load_motion
 from scenectl.export.export import export as export
 from scenectl.generators import load_generator as load_generator
+from scenectl.generators.prompts import Prompt as Prompt, Prompts as Prompts
 from scenectl.pipeline.editing import edit as edit
 from scenectl.pipeline.results import Result as Result
 from scenectl.retarget.robots.robot import Robot as Robot

@@ -54,7 +54,10 @@ def train_evaluator(data: Path, out: Path, seed: int = 0, settings: EvaluatorTra
     clips = prepare(data, ["train"], MIRRORED, out / "data", seed)
     whole, folder = _Whole(clips, settings), out / "weights"
     licence, credits = clips.terms()
-    for task, loop in (_contrastive(whole, seed), settings.contrastive), (_kinds(whole, seed), settings.kinds):
+    for task, loop in (
+        (_contrastive(whole, seed, out / "data"), settings.contrastive),
+        (_kinds(whole, seed), settings.kinds),
+    ):
         name = Path(task.file).stem
         trained = _train(task, whole, loop, out / name, seed).averaged
         about = {"config": task.config, "licence": licence, "credits": credits, "part": name}
@@ -98,13 +101,16 @@ class _Task(NamedTuple):
     wanted: Callable[[Int[Tensor, " B"], torch.Generator], Tensor]
 
 
-def _contrastive(whole: _Whole, seed: int) -> _Task:
+def _contrastive(whole: _Whole, seed: int, cache: Path) -> _Task:
     config = ContrastiveConfig()
-    captions = Captions(whole.data, load_text_encoder(config.text))
+    captions = Captions(whole.data, load_text_encoder(config.text), cache)
     torch.manual_seed(seed)  # initial weights belong to the run's seed
     model = Contrastive(config)
-    about = config.model_dump(mode="json")
-    return _Task(contrastive.FILE, model, model.motion, about, lambda clips, draw: captions.draw(clips, draw).sentence)
+
+    def wanted(clips: Int[Tensor, " B"], draw: torch.Generator) -> Tensor:
+        return captions.of_clips(clips, draw).sentence[:, 0]
+
+    return _Task(contrastive.FILE, model, model.motion, config.model_dump(mode="json"), wanted)
 
 
 def _kinds(whole: _Whole, seed: int) -> _Task:

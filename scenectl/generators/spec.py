@@ -53,15 +53,19 @@ class Spec:
 
 def check_request(
     name: str, spec: Spec, prompts: Prompts | str, seconds: float, start: Pose2D, samples: int
-) -> tuple[str, int]:
-    """What a family that takes one sentence is asked for: the sentence and the frames.
+) -> tuple[Prompts, int]:
+    """What a family is asked for: the sentences, one where it takes no more, and the frames.
 
     Raises:
-        UserError: several sentences or none, a length outside the spec's, a start that is no place, no sample.
+        UserError: no sentence, several for a family that takes one, one that begins too late, a length outside the
+            spec's, a start that is no place, no sample.
     """
-    text, frames = Prompts.of(prompts).single(name), spec.frames(seconds)
+    told, frames = Prompts.of(prompts), spec.frames(seconds)
+    if "sentences" not in spec.abilities:
+        told.single(name)
+    told.check(seconds)
     if not all(map(math.isfinite, (*start.position, start.heading))):
         raise UserError(f"the start is {start.position}, heading {start.heading:g}; give finite metres and radians")
     if samples < 1:
         raise UserError(f"samples is {samples}; ask for at least 1")
-    return text, frames
+    return told, frames

@@ -72,3 +72,21 @@ class Shortcut(nn.Module):
     def forward(self, x: Float[Tensor, "B C T"]) -> Float[Tensor, "B c t"]:
         out: Tensor = self.net(x)
         return out if self.linear is None else out + self.linear(x)
+
+
+class Dropout(nn.Module):
+    """Zeroes a share of all numbers in training and scales up the rest; the share is rounded to a 256th.
+
+    A random byte decides for each: on a CPU torch's own takes three times as long, a tenth of a transformer's step.
+    """
+
+    def __init__(self, share: float) -> None:
+        super().__init__()
+        self.gone = round(256 * share)
+
+    def forward(self, x: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
+        if not self.training or not self.gone:
+            return x
+        eights = torch.empty(-(-x.numel() // 8), dtype=torch.long, device=x.device).random_(-(2**63), None)
+        kept = eights.view(torch.uint8)[: x.numel()].view_as(x) >= self.gone
+        return x * (kept.to(x.dtype) * (256 / (256 - self.gone)))

@@ -8,18 +8,20 @@ without gradients, without dropout, and give the same features for the same prom
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from pydantic import BaseModel, Field, ValidationError, model_validator
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from scenes.errors import UserError, did_you_mean
 from scenes.files import reading
@@ -44,6 +46,69 @@ class TextFeatures:
     sentence: Float[Tensor, "B D"]
     words: Float[Tensor, "B N D"]
     mask: Bool[Tensor, "B N"]
+
+
+class Said(NamedTuple):
+    """One sentence and the stretch of time that it is about, in tokens or frames.
+
+    Attributes:
+        sentence: one vector for all of it.
+        words: one vector for every token of it; at least one.
+        begin, end: of the stretch, up to and without `end`.
+    """
+
+    sentence: Float[Tensor, " D"]
+    words: Float[Tensor, "n D"]
+    begin: float = 0.0
+    end: float = math.inf
+
+
+@dataclass(frozen=True)
+class TimedText:
+    """What B motions are told: each of them at most S sentences with their stretches, of at most N words in all.
+
+    Attributes:
+        sentence: one vector a sentence, ``[B, S, D]``; zero where a motion has fewer.
+        words: the words of all its sentences, ``[B, N, D]``.
+        owner: index of each word's sentence, ``[B, N]``; -1 where it is padding.
+        begin, end: of each sentence's stretch, ``[B, S]``; both 0 where there is none.
+    """
+
+    sentence: Float[Tensor, "B S D"]
+    words: Float[Tensor, "B N D"]
+    owner: Int[Tensor, "B N"]
+    begin: Float[Tensor, "B S"]
+    end: Float[Tensor, "B S"]
+
+    @classmethod
+    def whole(cls, text: TextFeatures) -> TimedText:
+        """One sentence for each motion, about all of it."""
+        begin = torch.zeros_like(text.sentence[:, :1])
+        owner = text.mask.long() - 1
+        return cls(text.sentence[:, None], text.words, owner, begin, torch.full_like(begin, math.inf))
+
+    @classmethod
+    def of(cls, motions: Sequence[Sequence[Said]]) -> TimedText:
+        """The sentences of each motion, one at least."""
+        owners = [[i for i, said in enumerate(told) for _ in said.words] for told in motions]
+        return cls(
+            pad_sequence([torch.stack([said.sentence for said in told]) for told in motions], batch_first=True),
+            pad_sequence([torch.cat([said.words for said in told]) for told in motions], batch_first=True),
+            pad_sequence([torch.tensor(owner) for owner in owners], batch_first=True, padding_value=-1),
+            pad_sequence([torch.tensor([said.begin for said in told]) for told in motions], batch_first=True),
+            pad_sequence([torch.tensor([said.end for said in told]) for told in motions], batch_first=True),
+        )
+
+    def each(self, change: Callable[[Tensor], Tensor]) -> TimedText:
+        """The same with every tensor changed alike along its first axis, or moved."""
+        return TimedText(*(change(getattr(self, field.name)) for field in fields(self)))
+
+    def shares(self, edges: Float[Tensor, "M 2"]) -> Float[Tensor, "B M S"]:
+        """How much of each of M stretches (begin, end) each sentence is about, 0 to 1."""
+        low, high = edges.unbind(-1)
+        end = torch.minimum(self.end[:, None], high[:, None])
+        begin = torch.maximum(self.begin[:, None], low[:, None])
+        return (end - begin).clamp_min(0) / (high - low)[:, None]
 
 
 @runtime_checkable

@@ -23,6 +23,7 @@ from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
 from scenectl.generators import registry
 from scenectl.generators.base import Draft, Editor, Generator, Guide, Progress, Step
+from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import Spec
 from scenectl.pipeline.parts import PartGuide, Window, windows_over
 from scenectl.pipeline.results import Result
@@ -53,7 +54,7 @@ def edit(
     generator: Generator,
     motion: Motion,
     regenerate: Bool[Tensor, " T"],
-    prompt: str,
+    prompt: Prompts | str,
     guide: Guide | None = None,
     samples: int = 1,
     seed: int = 0,
@@ -67,7 +68,7 @@ def edit(
         generator: one that can edit.
         motion: ``[T, J, 3]`` metres, world, on the generator's clock and of its joints, no longer than it makes any.
         regenerate: the frames to make anew; what the motion holds there is of no account.
-        prompt: what the whole motion shall be.
+        prompt: what the motion shall be: one sentence, or several with their times.
         guide: further goals, for the whole motion as it is seen from `origin`.
         samples, seed, progress: as for `Generator.generate`.
         iterations: refinement steps.
@@ -85,6 +86,8 @@ def edit(
         able = [name for name in registry.names() if "edit" in registry.find(name).spec.abilities]
         raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
     check(motion, regenerate, generator.spec)
+    prompts = Prompts.of(prompt)
+    prompts.check(motion.frames / motion.fps)
     origin = origin_near(motion.joint("pelvis")[0].tolist()) if origin is None else origin
     whole, solver = on_own_bones(motion.seen_from(origin), ~regenerate), SolverSettings(iterations=iterations)
     ground, theirs = _ground(whole, ~regenerate), generator.spec.skeleton
@@ -97,7 +100,8 @@ def edit(
         keeping = SeamGuide(part, ~inside, others, window.toward(motion))
         told = keeping if back is None else FigureGuide(keeping, back)
         given = part if there is None else there.of(part)
-        draft = generator.edit(given, inside, prompt, guide=told, samples=count, seed=seed, progress=progress)
+        said = prompts.within(window.start / motion.fps, window.end / motion.fps)
+        draft = generator.edit(given, inside, said, guide=told, samples=count, seed=seed, progress=progress)
         trace.update(draft.trace)
         fitted = draft.motion if draft.step is None else refined(draft.step, told, solver)
         fitted = fitted if back is None else back.of(fitted)
@@ -156,7 +160,7 @@ def edited(
     generator: Generator,
     motion: Motion,
     regenerate: Bool[Tensor, " T"],
-    prompt: str,
+    prompt: Prompts | str,
     samples: int = 1,
     seed: int = 0,
     progress: Progress | None = None,
@@ -176,7 +180,7 @@ def edited(
         task = Task(prompt=prompt, seconds=motion.seconds, body=body)
         floor = float(motion.joints[~regenerate][..., 1].min()) - task.load_body().sole_offset
         task = task.model_copy(update={"scene": SceneSpec(floor=floor)})
-    task = task.model_copy(update={"prompt": prompt, "seconds": task.seconds or motion.seconds})
+    task = task.told(prompt).model_copy(update={"seconds": task.seconds or motion.seconds})
     with task.named():
         setup = task.build(start=start_of(motion, task.load_body()), spec=generator.spec)
         setup.objective.check(setup.context, motion.seconds, motion.fps, motion.t0)

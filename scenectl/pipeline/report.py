@@ -25,7 +25,7 @@ def report_of(setup: Setup, rows: list[Sample], fps: float, threads: int) -> dic
     return {
         "format": FORMAT,
         "scenectl": __version__,
-        "prompt": setup.task.prompt,
+        "prompt": str(setup.task.prompts),
         "seconds": setup.seconds,
         "fps": fps,
         "start": {"position": list(start.position), "heading": start.heading},

@@ -229,13 +229,13 @@ class TaskDump(_Table):
     """The task: `Task(**task)` builds it again, as far as its scene comes from files, and says what is wrong with it.
 
     Attributes:
-        prompt: the sentence.
+        prompt: the sentence, or tables of several.
         folder: where relative paths are looked for.
     """
 
     model_config = ConfigDict(extra="allow")
 
-    prompt: str
+    prompt: str | list[dict[str, Any]]
     folder: str | None = None
 
 

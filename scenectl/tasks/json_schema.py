@@ -46,7 +46,8 @@ def task_schema() -> dict[str, Any]:
     )
     schema = task.model_json_schema()
     del schema["properties"]["folder"]  # a name for Python; in a file it is implied
-    return {**schema, "anyOf": [{"required": ["seconds"]}, {"required": ["walk"]}]}
+    timed = {"properties": {"prompt": {"type": "array"}}}  # whose last may say when it ends
+    return {**schema, "anyOf": [*({"required": [key]} for key in ("seconds", "walk")), timed]}
 
 
 def _like(model: type[BaseModel], **changed: Any) -> type[BaseModel]:

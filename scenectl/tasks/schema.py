@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +20,7 @@ from objectives import Term, read_with
 from scenectl.control.settings import GuidanceSettings, SolverSettings
 from scenectl.data.characters import CHARACTERS, character_body
 from scenectl.data.formats.motions import load_motion
+from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.generators.registry import DEFAULT, Family, find
 from scenectl.generators.weights import bundled_weights
 from scenectl.tasks.dump import plain, scene_table, term_table
@@ -270,12 +272,27 @@ class GeneratorSpec(_Table):
             raise UserError(f"[generator]: {sentence(error, given, model)}") from error
 
 
+class PromptSpec(_Table):
+    """One of several sentences along a motion; each is about a time of its own.
+
+    Attributes:
+        text: the sentence.
+        begin: from when on it counts (s); by default from where the one before it ends, and from 0 for the first.
+        end: until when it counts (s); by default until the next one begins, or to the end.
+    """
+
+    text: Annotated[str, Field(min_length=1)]
+    begin: Annotated[float | None, Field(ge=0)] = None
+    end: Annotated[float | None, Field(gt=0)] = None
+
+
 class TaskTable(_Table):
     """What shall happen: see the attributes for the keys of a task file.
 
     Attributes:
-        prompt: a sentence.
-        seconds: length (for MSCoT 1.8 to 60); with `walk` it may be left out and follows from the path.
+        prompt: a sentence, or several along the motion, [[prompt]] tables (`PromptSpec`).
+        seconds: length (for MSCoT 1.8 to 120); it may be left out where the last prompt says when it ends, and with
+            `walk`, where it follows from the path.
         scene: a bundled scene's name, a mesh file, a table (`SceneSpec`) or, in Python, a `Scene`.
         start: "sample" (a free place, chosen by the seed) or a table (`Start`); by default sampled in a scene with
             obstacles and the origin without.
@@ -294,7 +311,7 @@ class TaskTable(_Table):
         folder: where relative paths are looked for; the task file's own.
     """
 
-    prompt: Annotated[str, Field(min_length=1)]
+    prompt: Annotated[str, Field(min_length=1)] | Annotated[tuple[PromptSpec, ...], Field(min_length=1)]
     seconds: float | None = None
     scene: SceneSpec | Scene = SceneSpec()
     start: Literal["sample"] | Start | None = None
@@ -324,7 +341,10 @@ class TaskTable(_Table):
                 f"'seconds' is {self.seconds:g}; generator '{self.generator.name}' makes motions of {spec.shortest:g} "
                 f"to {spec.longest:g} s"
             )
-        _ = self.terms, self.avoided  # unknown goals and parameters are errors of the task, not of its run
+        if "sentences" not in spec.abilities:
+            self.prompts.single(self.generator.name)
+        # Unknown goals and parameters, and times that cannot be, are errors of the task, not of its run.
+        _ = self.prompts, self.terms, self.avoided
 
     @model_validator(mode="before")
     @classmethod
@@ -333,6 +353,10 @@ class TaskTable(_Table):
         if not isinstance(data, Mapping):
             return data
         data = dict(data)
+        if isinstance(data.get("prompt"), Prompts):
+            data["prompt"] = _prompt_tables(data["prompt"])
+        if data.get("seconds") is None and (end := _last_end(data.get("prompt"))) is not None:
+            data["seconds"] = end
         folder = Path(data.get("folder") or ".")
         if isinstance(data.get("scene"), str | Path):
             data["scene"] = _named_scene(str(data["scene"]), folder)
@@ -348,6 +372,27 @@ class TaskTable(_Table):
         if isinstance(data.get("start"), list | tuple):
             data["start"] = {"position": data["start"]}
         return data
+
+    @property
+    def prompts(self) -> Prompts:
+        """The sentences with their times; raises UserError for times that cannot be."""
+        if isinstance(self.prompt, str):
+            return Prompts.of(self.prompt)
+        told, ends = list[Prompt](), [0.0, *(spec.end for spec in self.prompt)]
+        for spec, before in zip(self.prompt, ends, strict=False):
+            begin = before if spec.begin is None else spec.begin
+            if begin is None:
+                raise UserError(
+                    f"prompt '{clipped(spec.text)}' has no 'begin', and the one before it no 'end'; state one of them"
+                )
+            told.append(Prompt(spec.text, begin, spec.end))
+        return Prompts(tuple(told))
+
+    def told(self: AnyTask, prompts: Prompts | str) -> AnyTask:
+        """The same task with other sentences."""
+        tables = _prompt_tables(Prompts.of(prompts))
+        told = tables if isinstance(tables, str) else tuple(map(PromptSpec.model_validate, tables))
+        return self.model_copy(update={"prompt": told})
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
@@ -407,6 +452,20 @@ class TaskTable(_Table):
         values["scene"] = table
         values["goals"] = [term_table(g) if isinstance(g, Term) else plain(g) for g in self.goals]
         return values
+
+
+def _prompt_tables(prompts: Prompts) -> str | list[dict[str, Any]]:
+    """Sentences as task files state them."""
+    if str(prompts) == prompts.sentences[0].text:
+        return str(prompts)
+    return [asdict(sentence) for sentence in prompts.sentences]
+
+
+def _last_end(prompt: Any) -> float | None:
+    """When the last of several sentences ends, where it says so in a number."""
+    last = prompt[-1] if isinstance(prompt, list | tuple) and prompt else None
+    end = last.get("end") if isinstance(last, Mapping) else getattr(last, "end", None)
+    return float(end) if isinstance(end, int | float) else None
 
 
 def _moved(place: Sequence[float], by: Place) -> tuple[float, ...]:

@@ -63,8 +63,8 @@ class Setup:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The scene's, and what is unusual about targets and the walk, one sentence each."""
-        doubts = (*self.scene.doubts, *self.unreached)
+        """The scene's, and what is unusual about prompts, targets and the walk, one sentence each."""
+        doubts = (*self.scene.doubts, *self.task.prompts.doubts(self.seconds), *self.unreached)
         if self.path is None:
             return doubts
         doubts = (*doubts, *filter(None, [coarse(self.scene)]))
@@ -116,6 +116,7 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     context = Context(reached, body)
     path = None if task.walk is None or area is None else _path(task.walk, area, place)
     seconds = _seconds(task, path, spec, body)
+    task.prompts.check(seconds)
     if start is None:
         start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), _heading(task, path))
     walk = () if task.walk is None or path is None else walk_terms(task.walk, path, seconds, spec.fps, task.terms, body)

@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 
 from scenectl.networks.precision import cpu_has_bfloat16
-from scenectl.networks.text import TextFeatures
+from scenectl.networks.text import TimedText
 from scenes.errors import UserError, did_you_mean
 
 Precision = Literal["auto", "float32", "bfloat16"]
@@ -33,9 +33,9 @@ class Placement:
         """Context in which networks compute; does nothing in float32."""
         return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.compute is torch.bfloat16)
 
-    def text(self, prompt: TextFeatures) -> TextFeatures:
+    def text(self, prompt: TimedText) -> TimedText:
         """The prompt on the device."""
-        return TextFeatures(*(part.to(self.device) for part in (prompt.sentence, prompt.words, prompt.mask)))
+        return prompt.each(lambda part: part.to(self.device))
 
 
 def place(device: str = "auto", precision: Precision = "auto") -> Placement:

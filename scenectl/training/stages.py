@@ -38,12 +38,14 @@ class Job:
         folder: holds the state, so that a killed training goes on.
         seed: of initial weights and of what is drawn.
         place: device and precision.
+        cache: folder of prepared data, where text features are kept, too.
     """
 
     data: ClipSet
     folder: Path
     seed: int
     place: Placement
+    cache: Path | None = None
 
     def loop(self, module: nn.Module, settings: LoopSettings) -> Loop:
         """The loop that trains a module, as far as it has come."""
@@ -155,11 +157,16 @@ class Run(Generic[R]):
     def __post_init__(self) -> None:
         self.stages = {each.name: each for each in self.plan.stages if getattr(self.recipe, each.name) is not None}
 
+    @property
+    def prepared(self) -> Path:
+        """Folder of prepared data."""
+        return self.cache or self.out / "data"
+
     def clips(self, splits: Sequence[str], augmented: bool) -> ClipSet:
         """Clips of some splits, with the recipe's augmentation or as they were recorded."""
-        recipe, cache = self.recipe, self.cache or self.out / "data"
+        recipe = self.recipe
         augmentation = recipe.augmentation if augmented else None
-        return load_clips(self.data, splits, augmentation, cache, recipe.seed, recipe.commercial_only)
+        return load_clips(self.data, splits, augmentation, self.prepared, recipe.seed, recipe.commercial_only)
 
     def encoder(self, device: str | None = None) -> TextEncoder:
         """The text encoder, on the run's device or another; raises UserError where networks take another width."""
@@ -191,7 +198,7 @@ class Run(Generic[R]):
             loop = settings.loop.model_copy(update={"iterations": self.iterations})
             settings = settings.model_copy(update={"loop": loop})
         data = self.clips(["train"], True).on(self.where.device)
-        return stage.train(self, settings, Job(data, self.out / name, self.recipe.seed, self.where))
+        return stage.train(self, settings, Job(data, self.out / name, self.recipe.seed, self.where, self.prepared))
 
     def finished(self, name: str) -> Loop:
         """The loop of a stage as it was left, on the CPU; its `averaged` is the result.

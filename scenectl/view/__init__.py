@@ -31,7 +31,7 @@ def of_result(result: Result, sample: int = 0) -> Picture:
     """One motion of a result in its scene; 0 is the best."""
     setup, row = result.setup, result.report["samples"][sample]
     motion = result.motion[sample].seen_from(setup.origin)
-    return _judged(Picture(setup.scene, motion, setup.path, setup.objective, setup.task.prompt, setup.body), row)
+    return _judged(Picture(setup.scene, motion, setup.path, setup.objective, str(setup.task.prompts), setup.body), row)
 
 
 def of_motion(motion: Motion, title: str = "") -> Picture:
@@ -60,7 +60,7 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     seconds, walk = float(report["seconds"]), task.walk
     terms = () if walk is None or path is None else walk_terms(walk, path, seconds, motion.fps, task.terms, body)
     goals = Objective((*terms, *task.terms, *task.avoided))
-    return _judged(Picture(scene, one, path, goals, task.prompt, body), report["samples"][sample])
+    return _judged(Picture(scene, one, path, goals, str(task.prompts), body), report["samples"][sample])
 
 
 def _judged(picture: Picture, row: Mapping[str, Any]) -> Picture:

@@ -56,8 +56,8 @@ class Lively:
         seed: int = 0,
         progress: Progress | None = None,
     ) -> Draft:
-        text, frames = check_request(self.name, SPEC, prompts, seconds, start, samples)
-        moves = self._moves(samples, len(text) + 1000 * seed)
+        told, frames = check_request(self.name, SPEC, prompts, seconds, start, samples)
+        moves = self._moves(samples, len(str(told)) + 1000 * seed)
         base = statue().expand(frames, 22, 3)
 
         def decode(value: Float[Tensor, "S W J 3"]) -> Motion:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,14 +18,14 @@ from scenectl.generators.mscot.bundle import Bundle
 from scenectl.generators.mscot.keeping import Kept, covering, in_turns
 from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Posterior, Scale, clip_at, clipped, tilted
-from scenectl.generators.mscot.schedule import tokens_for
+from scenectl.generators.mscot.schedule import DOWNSAMPLING, tokens_for
 from scenectl.generators.mscot.settings import SPEC, Sampling
 from scenectl.generators.mscot.step import step_of
 from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import check_request
 from scenectl.generators.windows import Windows
 from scenectl.networks.precision import cpu_has_bfloat16
-from scenectl.networks.text import TextFeatures
+from scenectl.networks.text import Said, TimedText
 from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
@@ -96,14 +97,15 @@ class MSCoT:
         seed: int = 0,
         progress: Progress | None = None,
     ) -> Draft:
-        """Motions for one sentence, in world coordinates, ``[samples, T, 22, 3]`` with T = seconds x 20.
+        """Motions for sentences, in world coordinates, ``[samples, T, 22, 3]`` with T = seconds x 20.
 
         Raises:
-            UserError: no text or several sentences, no sample, no start, or a length outside 1.8 to 60 s.
+            UserError: no text, a sentence that begins after the end, no sample, no start, or a length outside 1.8 to
+                120 s.
         """
-        text, frames = check_request(self.name, self.spec, prompts, seconds, start, samples)
+        told, frames = check_request(self.name, self.spec, prompts, seconds, start, samples)
         state = _State(frames, covering(tokens_for(frames)), start, [], [], [])
-        return self._made(state, text, guide, samples, seed, progress)
+        return self._made(state, told, guide, samples, seed, progress)
 
     @threads()
     def edit(
@@ -122,7 +124,7 @@ class MSCoT:
         Lengths are those of one window, 36 to 196 frames at 20 fps. Raises UserError for others, and where
         `regenerate` holds no frame or all of them.
         """
-        text, frames = check_request(self.name, self.spec, prompts, motion.frames / FPS, Pose2D(), samples)
+        told, frames = check_request(self.name, self.spec, prompts, motion.frames / FPS, Pose2D(), samples)
         if frames > self.spec.window_frames:
             low, high = self.spec.shortest_frames, self.spec.window_frames
             raise UserError(f"the motion has {frames} frames; one that can be edited has {low} to {high}")
@@ -130,7 +132,7 @@ class MSCoT:
             raise UserError("an edit keeps some frames and makes others anew; this one has only one kind")
         kept = Kept.of(self.bundle.tokenizer, motion, regenerate)
         state = _State(frames, covering(tokens_for(frames)), Pose2D(), [], [], [], kept)
-        return self._made(state, text, guide, samples, seed, progress)
+        return self._made(state, told, guide, samples, seed, progress)
 
     def round_trip(self, features: Float[Tensor, "C T 263"]) -> Float[Tensor, "C T 263"]:
         """Raw features after a round trip through tokens, T a multiple of four."""
@@ -142,21 +144,28 @@ class MSCoT:
         return self.bundle.tokenizer.decode([torch.randint(codes, (1, n), generator=draw) for n in lengths])
 
     def _made(
-        self, state: _State, text: str, guide: Guide | None, samples: int, seed: int, progress: Progress | None
+        self, state: _State, told: Prompts, guide: Guide | None, samples: int, seed: int, progress: Progress | None
     ) -> Draft:
         draw = torch.Generator().manual_seed(seed)
-        self._draw_tokens(state, self._text(text, samples * state.windows.count), guide, draw, progress or silent)
+        self._draw_tokens(state, self._text(told, state.windows, samples), guide, draw, progress or silent)
         step = self._refinable(state)
         return Draft(step.motion, step, {"tilt_kl_nats": state.moved, "frames": state.frames})
 
-    def _text(self, prompt: str, samples: int) -> TextFeatures:
-        """The prompt for every sample, then 'no text' for every sample (classifier-free guidance)."""
-        one = self.bundle.text.encode([prompt.lower().strip()] * 2)
-        pair = self.bundle.transformer.without_text(one, torch.tensor([False, True], device=one.sentence.device))
-        return TextFeatures(*(torch.repeat_interleave(x, samples, 0) for x in (pair.sentence, pair.words, pair.mask)))
+    def _text(self, prompts: Prompts, windows: Windows, samples: int) -> TimedText:
+        """What each window of every sample is told, then 'no text' for each (classifier-free guidance)."""
+        spans = prompts.spans()
+        features = self.bundle.text.encode([prompt.text.lower().strip() for prompt in spans])
+        rate, rows = FPS / DOWNSAMPLING, list[list[Said]]()
+        for first in windows.starts:
+            times = [(p.begin * rate - first, math.inf if p.end is None else p.end * rate - first) for p in spans]
+            said = zip(features.sentence, features.words, features.mask, times, strict=True)
+            rows.append([Said(s, w[m], *t) for s, w, m, t in said if t[0] < windows.length and t[1] > 0])
+        told = TimedText.of(rows).each(lambda x: x.repeat(2 * samples, *(1 for _ in x.shape[1:])))
+        drop = torch.arange(len(told.owner), device=told.owner.device) >= samples * windows.count
+        return self.bundle.transformer.without_text(told, drop)
 
     def _draw_tokens(
-        self, state: _State, text: TextFeatures, guide: Guide | None, draw: torch.Generator, progress: Progress
+        self, state: _State, text: TimedText, guide: Guide | None, draw: torch.Generator, progress: Progress
     ) -> None:
         cache = Cache()
         for k in range(self.quantiser.scales):
@@ -190,7 +199,7 @@ class MSCoT:
         return windows.series(in_turns(windows, self.quantiser, windows.rows(logits), done, sample))
 
     @torch.no_grad()
-    def _prior(self, state: _State, text: TextFeatures, k: int, cache: Cache) -> Float[Tensor, "S L_k V"]:
+    def _prior(self, state: _State, text: TimedText, k: int, cache: Cache) -> Float[Tensor, "S L_k V"]:
         """Log-probabilities of scale k's tokens given text and coarser tokens."""
         twice = [torch.cat([e, e]) for e in map(state.windows.rows, state.codes)]
         both = self.bundle.transformer.predict(self.quantiser, text, twice, k, state.finest, cache)

@@ -12,9 +12,9 @@ from scenes.tables import Table
 SPEC = Spec(
     fps=FPS,
     shortest=MIN_FRAMES / FPS,
-    longest=60.0,  # beyond this a request is taken for a mistake; the schedule itself has no limit
+    longest=120.0,  # beyond this a request is taken for a mistake; the schedule itself has no limit
     window=MAX_FRAMES / FPS,
-    abilities=frozenset({"edit"}),
+    abilities=frozenset({"edit", "sentences"}),
 )
 
 

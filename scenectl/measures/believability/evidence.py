@@ -10,6 +10,7 @@ import torch
 
 from objectives import Context
 from objectives.library.scene import foot_heights
+from scenectl.generators.prompts import Prompts
 from scenectl.measures.believability.mass import shares
 from scenectl.measures.metrics import Depths, Scorer
 from scenes.motion.motion import Motion
@@ -57,14 +58,14 @@ class Evidence:
     Attributes:
         given: the motion as it is, padding cropped, ``[T, J, 3]``.
         scorer: of its scene, with the body.
-        prompt: the sentence that it shall show.
+        prompt: the sentence that it shall show, or several with their times.
         exemptions: what may touch the scene.
         known: its depths, padding included, where they are known.
     """
 
     given: Motion
     scorer: Scorer
-    prompt: str = ""
+    prompt: Prompts | str = ""
     exemptions: tuple[Exemption, ...] = ()
     known: Depths | None = field(default=None, repr=False)
 
@@ -73,7 +74,7 @@ class Evidence:
         cls,
         motion: Motion,
         scorer: Scorer,
-        prompt: str = "",
+        prompt: Prompts | str = "",
         exemptions: tuple[Exemption, ...] = (),
         depths: Depths | None = None,
     ) -> Evidence:

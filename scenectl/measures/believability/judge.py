@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scenectl.generators.prompts import Prompts
 from scenectl.measures.believability.checks import CHECKS
 from scenectl.measures.believability.checks.check import Check, Found
 from scenectl.measures.believability.checks.contact import exempted
@@ -27,12 +28,12 @@ class Judge:
 
     Attributes:
         scorer: of the scene that the motion is in, with the body.
-        prompt: the sentence that the motion shall show; standing still is found fault with where it moves.
+        prompt: the sentence that the motion shall show, or several; standing still is found fault with where it moves.
         exemptions: what the task lets touch the scene.
     """
 
     scorer: Scorer
-    prompt: str = ""
+    prompt: Prompts | str = ""
     exemptions: tuple[Exemption, ...] = ()
 
     def verdict(self, motion: Motion, depths: Depths | None = None) -> Verdict:

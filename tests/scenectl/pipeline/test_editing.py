@@ -13,9 +13,10 @@ import torch
 from torch import Tensor
 
 from scenectl.control import Figure
-from scenectl.generators.base import Editor
+from scenectl.generators.base import Draft, Editor
 from scenectl.generators.mscot.keeping import bridged
 from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.pipeline.editing import edit, edited, mask_of, on_clock, settled
 from scenectl.tasks.task import Task
 from scenes.errors import UserError
@@ -233,3 +234,25 @@ def test_kept_frames_whose_bones_change_are_made_rigid_and_it_is_said(
     moved = float((made.joints[0, :30] - soft[:30]).norm(dim=-1).max())
     assert moved > 0.005 and f"kept frames moved by {1000 * moved:.1f} mm at most" in said.out
     assert "bones of the motion change their lengths" in said.err
+
+
+def test_each_part_of_an_edit_is_told_what_is_said_of_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, make = list[Prompts](), MSCoT.edit
+
+    def watched(self: MSCoT, motion: Motion, regenerate: Tensor, prompts: Prompts | str, **more: Any) -> Draft:
+        told.append(Prompts.of(prompts))
+        return make(self, motion, regenerate, prompts, **more)
+
+    monkeypatch.setattr(MSCoT, "edit", watched)
+    prompts = Prompts((Prompt("walks"), Prompt("turns", 6.0), Prompt("waves", 11.0)))
+    long, gone = Motion(walk(260)), mask((30, 50), (230, 250), frames=260)
+    edit(MSCoT(bundle()), long, gone, prompts, iterations=0)
+    assert [[(p.text, p.begin) for p in one.sentences] for one in told] == [
+        [("walks", 0.0), ("turns", 6.0)],
+        [("walks", 0.0), ("turns", pytest.approx(2.8)), ("waves", pytest.approx(7.8))],
+    ]
+    with pytest.raises(UserError, match="begins at 13 s"):
+        edit(MSCoT(bundle()), long, gone, Prompts((Prompt("walks"), Prompt("turns", 13.0))))
+    result = edited(MSCoT(bundle()), WALK, mask((20, 40)), Prompts((Prompt("walks"), Prompt("turns", 1.0))))
+    assert result.report["prompt"] == "0 s: walks; 1 s: turns"
+    assert Task(**result.report["task"]).prompts == Prompts((Prompt("walks"), Prompt("turns", 1.0)))

@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 import scenectl as sc
 from objectives import Objective, Term
+from scenectl.generators.prompts import Prompts
 from scenectl.measures.believability.judge import Judge
 from scenectl.measures.believability.verdict import Finding, Verdict
 from scenectl.measures.metrics import Depths, Scorer
@@ -86,7 +87,7 @@ def test_the_judge_is_told_the_sentence_and_what_goals_exempt(monkeypatch: pytes
     ]
     made = setup(prompt="a person reaches", goals=goals)
     ranked(Motion(WALK[None]), None, made, Scorer(made.scene), lambda what, done: None)
-    assert seen[0].prompt == "a person reaches"
+    assert seen[0].prompt == Prompts.of("a person reaches")
     assert seen[0].exemptions == (
         (("right_wrist",), ((0.5, 1.0),)), (("left_foot",), None), ((), ((1.0, 1.5),)),
     )  # fmt: skip

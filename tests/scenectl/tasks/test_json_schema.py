@@ -74,6 +74,8 @@ def test_an_unknown_key_in_any_table_is_refused_as_the_loader_refuses_it(
 
 
 GOOD: dict[str, dict[str, Any]] = {
+    "sentences with their times": {"prompt": [{"text": "a", "end": 2.0}, {"text": "b", "begin": 2.5}]},
+    "a length that the last sentence states": {"prompt": [{"text": "a", "end": 2.0}], "seconds": None},
     "a scene by name": {"scene": "living_room"},
     "a scene by file": {"scene": "kitchen.glb"},
     "a start that is sampled": {"start": "sample"},
@@ -107,6 +109,10 @@ NO_FILE = ("a scene by file", "free space from a point")
 BAD: dict[str, dict[str, Any]] = {
     "no length": {"seconds": None},
     "no prompt": {"prompt": None},
+    "no sentences": {"prompt": []},
+    "a sentence without text": {"prompt": [{"begin": 1.0}]},
+    "a sentence that begins before": {"prompt": [{"text": "a", "begin": -1.0}]},
+    "a sentence with another key": {"prompt": [{"text": "a", "start": 1.0}]},
     "an empty prompt": {"prompt": ""},
     "a name for Python": {"folder": "."},
     "goals by their name in Python": {"goals": []},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -180,3 +181,56 @@ def test_python_tasks_fail_as_files_do() -> None:
         Task(prompt="x", second=3.0)
     with pytest.raises(UserError, match="lbfgs"):
         Task(prompt="x", seconds=3.0, solver={"name": "lbgfs"})
+
+
+TIMELINE = """
+[[prompt]]
+text = "a person walks forward"
+end = 3.0
+[[prompt]]
+text = "a person turns around"
+[[prompt]]
+text = "a person sits down"
+begin = 5.0
+end = 9.0
+"""
+
+
+def test_sentences_along_a_motion_have_their_times(tmp_path: Path) -> None:
+    (tmp_path / "task.toml").write_text(TIMELINE)
+    task = load_task(tmp_path / "task.toml")
+    assert task.seconds == 9.0 and not task.build().doubts
+    assert [(p.begin, p.end) for p in task.prompts.sentences] == [(0.0, 3.0), (3.0, None), (5.0, 9.0)]
+    for same in (Task(prompt=task.prompts), Task(**task.dump()), Task(prompt="x", seconds=9.0).told(task.prompts)):
+        assert same.prompts == task.prompts and same.seconds == 9.0
+    assert task.told("a person waves").prompt == "a person waves"
+    longer = Task(prompt=task.prompts, seconds=12.0)
+    assert longer.build().doubts == ("no prompt is about 9 to 12 s, so the nearest one counts there",)
+
+
+@pytest.mark.parametrize(
+    ("prompt", "words"),
+    [
+        ([], "should be text"),
+        ([{"text": "", "end": 3}], "at least 1"),
+        ([{"end": 3}], "'text' is missing"),
+        ([{"text": "a", "start": 1, "end": 3}], "unknown key 'start'"),
+        ([{"text": "a", "end": "soon"}], "a number"),
+        ([{"text": "a"}, {"text": "b", "end": 3}], "'b' has no 'begin', and the one before it no 'end'"),
+        ([{"text": "a", "end": 2}, {"text": "b", "begin": 1, "end": 3}], "'b' begins at 1 s"),
+        ([{"text": "a", "begin": 1}], "'seconds' is missing"),
+        ([{"text": "a", "end": float("inf")}], "finite"),
+        ([{"text": "a", "end": 121.0}], "to 120 s"),
+    ],
+)
+def test_sentences_that_cannot_be_are_refused(prompt: Any, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        Task(prompt=prompt)
+
+
+def test_a_sentence_after_the_end_is_refused_and_a_string_and_tables_exclude_each_other(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="begins at 5 s, and the motion lasts 4 s"):
+        Task(prompt=[{"text": "a"}, {"text": "b", "begin": 5.0}], seconds=4.0).build()
+    (tmp_path / "both.toml").write_text('prompt = "a person walks"\n' + TIMELINE)
+    with pytest.raises(UserError, match=r"task file '.*both\.toml'"):
+        load_task(tmp_path / "both.toml")

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Int
 from torch import Tensor
 
-from scenectl.data.clips import ClipSet
+from scenectl.data.clips import ClipSet, Drawn
 from scenectl.generators.mscot.config import TransformerConfig
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
@@ -49,7 +49,7 @@ def train_transformer(
     """Train, or go on training; the tokens are those of float32."""
     data, place = job.data, job.place
     tokenizer.to(place.device).eval().requires_grad_(False)
-    captions = Captions(data, encoder)
+    captions = Captions(data, encoder, job.cache)
     quantiser = tokenizer.quantiser
     torch.manual_seed(job.seed)  # initial weights belong to the run's seed
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
@@ -59,10 +59,10 @@ def train_transformer(
         low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
         finest = int(torch.randint(low, high + 1, (), generator=generator))
         batch = max(4, settings.loop.batch * 16 // finest)
-        features, clips, _ = data.draw(finest * DOWNSAMPLING, batch, generator)
-        tokens = tokenizer.encode(features)
+        windows = data.draw(finest * DOWNSAMPLING, batch, generator)
+        tokens = tokenizer.encode(windows.features)
         drop = torch.rand(batch, generator=generator) < settings.drop_text
-        prompt = place.text(captions.draw(clips, generator))
+        prompt = place.text(captions.of_windows(windows, DOWNSAMPLING, generator))
         seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
         with place.autocast():
             logits = model(quantiser, model.without_text(prompt, drop.to(place.device)), seen, finest)
@@ -96,8 +96,10 @@ def cross_entropy_by_scale(
     lengths = list(quantiser.lengths(frames // DOWNSAMPLING))
     for i, part in enumerate(clips.split(32)):
         rows = (data.starts[part][:, None] + torch.arange(frames)).to(data.features.device)
-        tokens = tokenizer.encode(data.features[rows])
-        prompt = Placement(rows.device).text(captions.draw(part, torch.Generator().manual_seed(32 * i)))
+        windows = Drawn(data.features[rows], part, torch.zeros_like(part))
+        tokens = tokenizer.encode(windows.features)
+        said = captions.of_windows(windows, DOWNSAMPLING, torch.Generator().manual_seed(32 * i))
+        prompt = Placement(rows.device).text(said)
         logits = model(quantiser, prompt, tokens, frames // DOWNSAMPLING)
         loss = F.cross_entropy(logits.transpose(1, 2), torch.cat(tokens, 1), reduction="none")
         sums.append(torch.stack([piece.mean(1).sum() for piece in loss.split(lengths, dim=1)]))

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+from scenectl.generators.prompts import Prompts
 from scenectl.measures.believability.checks.check import Check, Found
 from scenectl.measures.believability.evidence import RATE, Evidence, averages, longest_run
 from scenectl.measures.believability.words import span
@@ -33,11 +34,17 @@ def frozen(evidence: Evidence) -> Found | None:
 
 
 def standing(evidence: Evidence) -> Found | None:
-    """Speed (m/s) of the pelvis over the fastest second, where the sentence has a verb of going."""
-    if evidence.frames < RATE or not travels(evidence.prompt):
+    """Speed (m/s) of the pelvis over the fastest second of a sentence with a verb of going; the least of several."""
+    found = []
+    for prompt in Prompts.of(evidence.prompt).spans() if evidence.prompt else ():
+        first, last = np.searchsorted(evidence.times, (prompt.begin or -np.inf, prompt.end or np.inf))
+        if last - first < RATE or not travels(prompt.text):
+            continue
+        means = np.linalg.norm(averages(evidence.velocities[first:last, 0, ::2], 1.0), axis=-1)
+        found.append(float(means.max()))
+    if not found:
         return None
-    means = np.linalg.norm(averages(evidence.velocities[:, 0, ::2], 1.0), axis=-1)
-    value = float(means.max())
+    value = min(found)
     return Found(value, f"stays where it is, at {value:.2f} m/s at the most, where the sentence moves")
 
 

@@ -15,6 +15,8 @@ from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Scale, clip_at, clipped, tilted
 from scenectl.generators.mscot.sampling import MSCoT, _sample, _State
 from scenectl.generators.mscot.settings import Sampling
+from scenectl.generators.prompts import Prompt, Prompts
+from scenectl.networks.text import TimedText
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
 from tests.objectives.cases import context
@@ -46,7 +48,7 @@ class Towards:
 def test_it_says_what_it_is(generator: MSCoT) -> None:
     assert (generator.name, generator.licence) == ("mscot", "CC0-1.0")
     spec = generator.spec
-    assert (spec.fps, spec.shortest, spec.longest, spec.window_frames) == (20.0, 1.8, 60.0, 196)
+    assert (spec.fps, spec.shortest, spec.longest, spec.window_frames) == (20.0, 1.8, 120.0, 196)
 
 
 @pytest.mark.parametrize("frames", [36, 37, 39, 61, 64, 129, 196])
@@ -173,11 +175,11 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     first: list[Tensor] = []
     for cfg in (0.0, 1.0, 2.0):
         generator = MSCoT(made, Sampling(cfg=cfg, temperature=1.0))
-        text = generator._text("a person walks", 1)
+        text = generator._text(Prompts.of("a person walks"), covering(10), 1)
         first.append(generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
-    told = transformer.predict(q, made.text.encode(["a person walks"]), [], 0, 10)
-    none = transformer.without_text(made.text.encode(["whatever it is"]), torch.tensor([True]))
+    told = transformer.predict(q, TimedText.whole(made.text.encode(["a person walks"])), [], 0, 10)
+    none = transformer.without_text(TimedText.whole(made.text.encode(["whatever it is"])), torch.tensor([True]))
     untold = transformer.predict(q, none, [], 0, 10)
     for got, wanted in zip(first, (untold, told, 2 * told - untold), strict=True):
         torch.testing.assert_close(got, wanted.log_softmax(-1), atol=1e-4, rtol=1e-4)
@@ -200,7 +202,8 @@ def test_progress_is_told_scale_by_scale(generator: MSCoT) -> None:
     [
         ({"prompts": "  "}, "prompt is empty"),
         ({"seconds": 1.7}, "1.8"),
-        ({"seconds": 61.0}, "60"),
+        ({"seconds": 121.0}, "120"),
+        ({"prompts": Prompts((Prompt("a"), Prompt("b", 2.0)))}, "begins at 2 s"),
         ({"seconds": float("nan")}, "nan"),
         ({"samples": 0}, "at least 1"),
     ],

@@ -7,9 +7,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from scenectl.generators.mscot.bundle import load_bundle
 from scenectl.generators.mscot.networks.refiner import Refiner
-from scenectl.generators.mscot.networks.transformer import Cache, sinusoids
-from scenectl.networks.text import TextFeatures
+from scenectl.generators.mscot.networks.transformer import Attention, Cache, _edges, _word_bias, sinusoids
+from scenectl.generators.weights import described, weights_folder
+from scenectl.networks.text import Said, TextFeatures, TimedText
 from tests.scenectl.small import REFINER, SCALES, Words, bundle
 
 FINEST = 9
@@ -17,8 +19,14 @@ PREFIXES = ["previous", "cumulative"]
 PROMPTS = ["a person walks", "someone sits down on a chair"]
 
 
-def prompt(*texts: str) -> TextFeatures:
-    return Words().encode(list(texts or PROMPTS))
+def prompt(*texts: str) -> TimedText:
+    return TimedText.whole(Words().encode(list(texts or PROMPTS)))
+
+
+def timeline(*sentences: tuple[str, float, float]) -> TimedText:
+    """One motion's sentences with begin and end, in tokens of the finest scale."""
+    encoded = ((Words().encode([text]), begin, end) for text, begin, end in sentences)
+    return TimedText.of([[Said(one.sentence[0], one.words[0], begin, end) for one, begin, end in encoded]])
 
 
 def tokens(made, batch: int = 2, seed: int = 0) -> list[Tensor]:
@@ -26,7 +34,7 @@ def tokens(made, batch: int = 2, seed: int = 0) -> list[Tensor]:
     return [torch.randint(16, (batch, n), generator=draw) for n in made.tokenizer.quantiser.lengths(FINEST)]
 
 
-def forward(made, given: list[Tensor], text: TextFeatures) -> list[Tensor]:
+def forward(made, given: list[Tensor], text: TimedText) -> list[Tensor]:
     """Logits of every scale."""
     q = made.tokenizer.quantiser
     return list(made.transformer(q, text, given, FINEST).split(list(q.lengths(FINEST)), dim=1))
@@ -117,10 +125,85 @@ def test_text_matters_and_dropped_text_equals_no_text() -> None:
 
 def test_words_of_the_padding_are_never_read() -> None:
     made = bundle()
-    given, text = tokens(made), prompt()
+    given, text = tokens(made), Words().encode(PROMPTS)
     noise = torch.where(text.mask[..., None], text.words, 50 * torch.randn_like(text.words))
-    longer = TextFeatures(text.sentence, F.pad(noise, (0, 0, 0, 3), value=9.0), F.pad(text.mask, (0, 3)))
+    padded = TextFeatures(text.sentence, F.pad(noise, (0, 0, 0, 3), value=9.0), F.pad(text.mask, (0, 3)))
+    text, longer = TimedText.whole(text), TimedText.whole(padded)
     for got, wanted in zip(forward(made, given, longer), forward(made, given, text), strict=True):
+        torch.testing.assert_close(got, wanted, atol=1e-5, rtol=1e-5)
+
+
+def fused(self: Attention, x: Tensor, key: Tensor, value: Tensor, bias: Tensor | None) -> Tensor:
+    """Attention as it was when the shipped weights were trained: torch's own, masks that only say yes or no."""
+    mask = None if bias is None else bias > -1.0
+    out = F.scaled_dot_product_attention(self.split(self.query(x)), key, value, attn_mask=mask)
+    return self.out(out.transpose(1, 2).flatten(2))
+
+
+def test_one_sentence_is_read_as_it_was_before_sentences_had_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = load_bundle(described(weights_folder("default")), with_metric=False)
+    q, model = made.tokenizer.quantiser, made.transformer
+    said = TimedText.whole(made.text.encode(PROMPTS))
+    text = model.without_text(said, torch.tensor([False, True]))
+    given = [torch.randint(512, (2, n), generator=torch.Generator().manual_seed(n)) for n in q.lengths(FINEST)]
+    with torch.no_grad():
+        got = model(q, text, given, FINEST)
+        wanted = model.sentence(said.sentence).expand(-1, q.lengths(FINEST)[0], -1)
+        silent = said.each(torch.zeros_like)
+        given_text = model.inputs(q, said, [], 0, FINEST) - model.inputs(q, silent, [], 0, FINEST)
+        torch.testing.assert_close(given_text, wanted - model.sentence.bias, atol=1e-5, rtol=1e-5)
+        monkeypatch.setattr(Attention, "attend", fused)
+        torch.testing.assert_close(got, model(q, text, given, FINEST), atol=1e-5, rtol=1e-5)
+
+
+def test_a_sentence_said_again_and_again_is_one_sentence() -> None:
+    """Words count as their sentence's share says: a copy for each part of a motion makes no difference."""
+    made = bundle()
+    given = [t[:1] for t in tokens(made)]
+    parts = timeline(*((PROMPTS[0], at, at + 3.0) for at in (0.0, 3.0, 6.0)))
+    for got, wanted in zip(forward(made, given, parts), forward(made, given, prompt(PROMPTS[0])), strict=True):
+        torch.testing.assert_close(got, wanted, atol=1e-5, rtol=1e-5)
+
+
+def test_tokens_read_the_sentences_of_their_own_time() -> None:
+    made = bundle()
+    q, lengths = made.tokenizer.quantiser, made.tokenizer.quantiser.lengths(FINEST)
+    text = timeline((PROMPTS[0], 0.0, 5.0), (PROMPTS[1], 5.0, 9.0))
+    first = len(PROMPTS[0].split())
+    for length in lengths:
+        reads = _word_bias(text, _edges([length], FINEST, torch.device("cpu")))[0].exp()
+        edges = torch.linspace(0, FINEST, length + 1)
+        early, late = edges[1:] <= 5, edges[:-1] >= 5
+        assert (reads[early, first:] < 1e-20).all() and (reads[late, :first] < 1e-20).all()
+        assert (reads[early, :first] == 1).all() and (reads[late, first:] == 1).all()
+        both = ~early & ~late
+        assert (reads[both] > 0.1).all()
+        torch.testing.assert_close(reads[both, 0] + reads[both, -1], torch.ones(int(both.sum())))
+    assert lengths[0] == 2  # of 4.5 tokens each
+    later = (0.5 * text.sentence[0, 0] + 4 * text.sentence[0, 1]) / 4.5
+    wanted = torch.stack([text.sentence[0, 0], later]) @ made.transformer.sentence.weight.T
+    told, untold = (made.transformer.inputs(q, each, [], 0, FINEST)[0] for each in (text, text.each(torch.zeros_like)))
+    torch.testing.assert_close(told - untold, wanted, atol=1e-5, rtol=1e-5)
+
+
+def test_what_is_said_later_changes_what_comes_later() -> None:
+    made = bundle()
+    for block in made.transformer.blocks:  # tokens see one another only here
+        torch.nn.init.zeros_(block.self_attention.out.weight)
+    given = [t[:1] for t in tokens(made)]
+    one, other = (timeline((PROMPTS[0], 0.0, 5.0), (text, 5.0, 9.0)) for text in (PROMPTS[1], "another thing"))
+    change = (forward(made, given, one)[-1] - forward(made, given, other)[-1])[0].abs().amax(-1)
+    assert (change[:5] < 1e-5).all() and (change[5:] > 1e-3).all()
+
+
+def test_times_that_nothing_is_said_of_are_still_numbers() -> None:
+    made = bundle()
+    given = [t[:1] for t in tokens(made)]
+    text = timeline((PROMPTS[0], 0.0, 2.0), (PROMPTS[1], 7.0, 8.0))
+    dropped = made.transformer.without_text(text, torch.tensor([True]))
+    none = made.transformer.without_text(prompt("x"), torch.tensor([True]))
+    assert all(logits.isfinite().all() for logits in forward(made, given, text))
+    for got, wanted in zip(forward(made, given, dropped), forward(made, given, none), strict=True):
         torch.testing.assert_close(got, wanted, atol=1e-5, rtol=1e-5)
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pytest
 import torch
+from torch import Tensor
 
 from scenectl.generators.mscot import sampling as mscot
 from scenectl.generators.mscot.keeping import LONGEST, OVERLAP, closeness, covering
 from scenectl.generators.mscot.sampling import MSCoT
+from scenectl.generators.prompts import Prompt, Prompts
 from scenes.motion.motion import Pose2D
-from tests.scenectl.small import bundle, quantiser
+from tests.scenectl.small import Words, bundle, quantiser
 
 HERE = Pose2D()
 
@@ -81,3 +83,33 @@ def test_sixty_seconds_have_seams_no_rougher_than_the_rest() -> None:
         middle = 2 * (start + before + windows.length)
         seam[middle - 12 : middle + 12] = True
     assert rough[seam].max() <= 1.2 * rough[~seam].max() and rough[seam].mean() <= 1.2 * rough[~seam].mean()
+
+
+def test_every_window_is_told_its_own_stretch_of_the_timeline() -> None:
+    generator, windows = MSCoT(bundle()), covering(125)
+    prompts = Prompts((Prompt("A person walks"), Prompt("someone sits down", 4.0), Prompt("waves", 23.0)))
+    text = generator._text(prompts, windows, samples=2)
+    assert len(text.sentence) == 2 * 2 * windows.count and windows.count == 3
+    known = {p.text: Words().encode([p.text.lower()]).sentence[0] for p in prompts.sentences}
+    for row in range(2 * windows.count):
+        first, length = windows.starts[row % windows.count], windows.length
+        wanted = [p.text for p in prompts.spans() if 5 * p.begin < first + length and 5 * (p.end or 99) > first]
+        found = [i for i in range(text.begin.shape[1]) if float(text.end[row, i] - text.begin[row, i]) > 0]
+        assert len(found) == len(wanted)
+        for i, said in zip(found, wanted, strict=True):
+            torch.testing.assert_close(text.sentence[row, i], known[said])
+        at = next(i for i, said in zip(found, wanted, strict=True) if said == "someone sits down")
+        assert float(text.begin[row, at]) == 20 - first and float(text.end[row, at]) == 115 - first
+    assert (text.owner[2 * windows.count :, 0] == 0).all() and (text.owner[2 * windows.count :, 1:] == -1).all()
+
+
+def test_what_is_said_of_a_time_changes_the_motion_there_and_a_sentence_twice_is_once() -> None:
+    generator = MSCoT(bundle())
+
+    def made(*sentences: tuple[str, float]) -> Tensor:
+        prompts = Prompts(tuple(Prompt(*each) for each in sentences))
+        return generator.generate(prompts, 4.0, HERE).motion.joints[0]
+
+    once = generator.generate("a person walks", 4.0, HERE).motion.joints[0]
+    torch.testing.assert_close(made(("a person walks", 0.0), ("A person walks ", 1.7)), once, atol=1e-4, rtol=1e-4)
+    assert (made(("a person walks", 0.0), ("jumps", 1.7)) - once).abs().max() > 1e-3

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from scenectl.bench.studies.absurdities import ABSURDITIES
+from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.measures.believability.checks import CHECKS
 from scenectl.measures.believability.judge import Judge, limit_of
 from scenectl.measures.believability.limits import LIMITS
@@ -60,7 +61,7 @@ def up(heights: Tensor) -> Tensor:
     return torch.stack([torch.zeros_like(heights), heights, torch.zeros_like(heights)], dim=-1)
 
 
-def judged(motion: Motion, scene: Scene = FLOOR, prompt: str = "") -> Verdict:
+def judged(motion: Motion, scene: Scene = FLOOR, prompt: Prompts | str = "") -> Verdict:
     return Judge(Scorer(scene), prompt).verdict(motion)
 
 
@@ -276,6 +277,22 @@ def test_standing_still_is_called_where_the_sentence_moves() -> None:
     for prompt in ("a person waves", "a person walks in place", "", "the walker stands still"):
         assert "standing_still" not in checks(judged(stander(), prompt=prompt)), prompt
     assert "standing_still" not in checks(judged(walker(), prompt="a person walks forward"))
+
+
+def test_standing_still_is_called_in_the_time_of_the_sentence_that_moves() -> None:
+    def told(*sentences: tuple[str, float]) -> Prompts:
+        return Prompts(tuple(Prompt(*each) for each in sentences))
+
+    motion = walker()
+    joints = motion.joints.clone()
+    half = motion.frames // 2
+    joints[half:] = joints[half]  # walks, then stands
+    motion, then = replace(motion, joints=joints), half / motion.fps
+    waits = told(("a person walks forward", 0.0), ("a person waits", then))
+    assert "standing_still" not in checks(judged(motion, prompt=waits))
+    walks_on = told(("a person walks forward", 0.0), ("a person walks on", then))
+    assert "standing_still" in checks(judged(motion, prompt=walks_on))
+    assert "standing_still" in checks(judged(motion, prompt=told(("a person waits", 0.0), ("he walks", then))))
 
 
 def test_people_who_stand_sway_and_statues_do_not() -> None:
