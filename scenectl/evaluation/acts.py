@@ -1,0 +1,95 @@
+"""Clips that show one act each: what the second classifier learns from, and what it is tried on."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from scenectl.data.augment import Augmentation
+from scenectl.data.clips import ClipSet, Told, prepare
+from scenectl.data.sources import is_humanml3d
+
+COPIES = Augmentation(bend=0)
+"""Everything that is found, edited and composed; bent and retimed copies show nothing new."""
+PIECES = Augmentation(bend=0, mirror=False, repeat=0)
+HELD_OUT = ("test", "held out")
+"""Splits that no classifier and no generator learns from."""
+FOUND = "found"
+"""What the suffix of a piece begins with that was found in a recording ("13_01~found2"); other suffixes are edits."""
+SURE = 0.8
+"""Share of the clips of which a sentence is said that must be of one kind for the sentence to tell the kind."""
+
+
+def single_acts(data: ClipSet) -> ClipSet:
+    """Clips that show one act, and the single acts of those that show several, each with its kind.
+
+    What kind an act is, its sentences say: the kind of the clips of one act of which they are said. Acts whose sentences
+    are said of several kinds are left out.
+    """
+    said = _said(data)
+    cuts: list[tuple[int, Told, str]] = []
+    for i, (whole, *parts) in enumerate(data.told):
+        if whole.acts == 1:
+            cuts.append((i, whole, data.groups[i]))
+        else:
+            known = [(part, _kind(part.captions, said)) for part in parts if part.acts == 1]
+            cuts += [(i, part, kind) for part, kind in known if kind is not None]
+    return _cut(data, cuts)
+
+
+def held_out_pieces(folder: Path, cache: Path, seed: int = 0) -> ClipSet:
+    """Pieces of held-out recordings that show one act each, whole recordings left out.
+
+    Kinds that are found in recordings are those pieces; kinds that no recording shows are edits of test clips. The ids
+    tell which (`is_edit`).
+
+    Raises:
+        UserError: there is no captioned clip in the folder.
+    """
+    if is_humanml3d(folder):
+        raise ValueError("HumanML3D tells no kinds")
+    data = prepare(folder, HELD_OUT, PIECES, cache, seed)
+    made = [i for i, name in enumerate(data.ids) if "~" in name and data.told[i][0].acts == 1]
+    real = {data.groups[i] for i in made if not is_edit(data.ids[i])}
+    kept = [i for i in made if not is_edit(data.ids[i]) or data.groups[i] not in real]
+    return _cut(data, [(i, data.told[i][0], data.groups[i]) for i in kept])
+
+
+def is_edit(name: str) -> bool:
+    """Whether a clip of that id is an edit, and not a recording or a piece of one."""
+    _, made, suffix = name.partition("~")
+    return bool(made) and not suffix.startswith(FOUND)
+
+
+def _said(data: ClipSet) -> dict[str, Counter[str]]:
+    """Of how many clips of one act each sentence is said, by their kind."""
+    said: dict[str, Counter[str]] = {}
+    for stretches, kind in zip(data.told, data.groups, strict=True):
+        for caption in stretches[0].captions if stretches[0].acts == 1 else ():
+            said.setdefault(caption, Counter())[kind] += 1
+    return said
+
+
+def _kind(captions: Sequence[str], said: dict[str, Counter[str]]) -> str | None:
+    counts: Counter[str] = Counter()
+    for caption in captions:
+        counts += said.get(caption, Counter())
+    ((kind, most),) = counts.most_common(1) or [("", 0)]
+    return kind if most and most >= SURE * counts.total() else None
+
+
+def _cut(data: ClipSet, cuts: Sequence[tuple[int, Told, str]]) -> ClipSet:
+    """Stretches of clips as clips, each with its kind."""
+    rows = [
+        data.features[int(data.starts[i]) :][told.begin : min(told.end, int(data.lengths[i]))] for i, told, _ in cuts
+    ]
+    return ClipSet.of(
+        rows,
+        told=[[Told(0, len(row), told.captions)] for row, (_, told, _) in zip(rows, cuts, strict=True)],
+        groups=[kind for *_, kind in cuts],
+        sources=[data.sources[i] for i, *_ in cuts],
+        ids=[data.ids[i] for i, *_ in cuts],
+        licences=[data.licences[i] for i, *_ in cuts],
+        commercial=[data.commercial[i] for i, *_ in cuts],
+    )
