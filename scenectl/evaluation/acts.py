@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from scenectl.data.augment import Augmentation
 from scenectl.data.clips import ClipSet, Told, prepare
 from scenectl.data.sources import is_humanml3d
+from scenes.errors import UserError
 
 COPIES = Augmentation(bend=0)
 """Everything that is found, edited and composed; bent and retimed copies show nothing new."""
@@ -24,7 +26,7 @@ SURE = 0.8
 def single_acts(data: ClipSet) -> ClipSet:
     """Clips that show one act, and the single acts of those that show several, each with its kind.
 
-    What kind an act is, its sentences say: the kind of the clips of one act of which they are said. Acts whose sentences
+    What kind an act is, its sentences tell: that of the clips of one act of which they are said. Acts whose sentences
     are said of several kinds are left out.
     """
     said = _said(data)
@@ -38,22 +40,32 @@ def single_acts(data: ClipSet) -> ClipSet:
     return _cut(data, cuts)
 
 
-def held_out_pieces(folder: Path, cache: Path, seed: int = 0) -> ClipSet:
+def held_out_pieces(folder: Path, cache: Path) -> ClipSet:
     """Pieces of held-out recordings that show one act each, whole recordings left out.
 
     Kinds that are found in recordings are those pieces; kinds that no recording shows are edits of test clips. The ids
     tell which (`is_edit`).
 
     Raises:
-        UserError: there is no captioned clip in the folder.
+        UserError: it is no motion collection, or holds no captioned clip that is held out.
     """
-    if is_humanml3d(folder):
-        raise ValueError("HumanML3D tells no kinds")
-    data = prepare(folder, HELD_OUT, PIECES, cache, seed)
+    data = _held_out(folder, cache)
     made = [i for i, name in enumerate(data.ids) if "~" in name and data.told[i][0].acts == 1]
     real = {data.groups[i] for i in made if not is_edit(data.ids[i])}
-    kept = [i for i in made if not is_edit(data.ids[i]) or data.groups[i] not in real]
-    return _cut(data, [(i, data.told[i][0], data.groups[i]) for i in kept])
+    return _whole(data, [i for i in made if not is_edit(data.ids[i]) or data.groups[i] not in real])
+
+
+def composed_clips(folder: Path, cache: Path) -> ClipSet | None:
+    """What is composed of held-out recordings; None where nothing is. Raises UserError as `held_out_pieces` does."""
+    data = _held_out(folder, cache)
+    several = [i for i, stretches in enumerate(data.told) if stretches[0].acts > 1]
+    return _whole(data, several) if several else None
+
+
+def _held_out(folder: Path, cache: Path) -> ClipSet:
+    if is_humanml3d(folder):
+        raise UserError(f"folder '{folder}' is HumanML3D, which tells no kinds of motion; name a motion collection")
+    return prepare(folder, HELD_OUT, PIECES, cache, 0)
 
 
 def is_edit(name: str) -> bool:
@@ -77,6 +89,12 @@ def _kind(captions: Sequence[str], said: dict[str, Counter[str]]) -> str | None:
         counts += said.get(caption, Counter())
     ((kind, most),) = counts.most_common(1) or [("", 0)]
     return kind if most and most >= SURE * counts.total() else None
+
+
+def _whole(data: ClipSet, clips: Sequence[int]) -> ClipSet:
+    """Some of the clips, with all that is told of them."""
+    some = _cut(data, [(i, data.told[i][0], data.groups[i]) for i in clips])
+    return replace(some, told=[data.told[i] for i in clips])
 
 
 def _cut(data: ClipSet, cuts: Sequence[tuple[int, Told, str]]) -> ClipSet:

@@ -17,8 +17,10 @@ from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
 from scenectl.networks.checkpoint import load_network
 
 FILE, ACTS = "kinds.safetensors", "acts.safetensors"
-"""The first classifier knows the kinds that are recorded, and never saw a clip that was made; the second one knows found
-and edited kinds too, and reads short windows."""
+"""The first classifier knows the kinds that are recorded, and never saw a clip that was made; the second one knows
+found and edited kinds too, and reads short windows."""
+WINDOWS = (1.6, 2.0, 2.5)
+"""Seconds of the windows in which the second classifier looks for acts within a motion."""
 ENOUGH = 5
 """Test clips from which on a kind's recall is counted."""
 ALONE = 10

@@ -21,7 +21,7 @@ from scenectl.data.features import FPS
 from scenectl.evaluation import contrastive, kinds
 from scenectl.evaluation.acts import COPIES, single_acts
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig
-from scenectl.evaluation.kinds import KindClassifier
+from scenectl.evaluation.kinds import WINDOWS, KindClassifier
 from scenectl.evaluation.motions import LONGEST, SHORTEST, MotionEncoder, Padded
 from scenectl.networks.checkpoint import save_weights
 from scenectl.networks.text import load_text_encoder
@@ -30,10 +30,6 @@ from scenectl.training.loop import Figures, Loop, LoopSettings
 from scenes.tables import Table
 
 MIRRORED = Augmentation(mirror=True, bend=0, crouch=0, duck=0, sidestep=0, reach=0)
-
-
-WINDOWS = (1.6, 2.0, 2.5)
-"""Seconds of the windows in which the second classifier looks for acts within a motion."""
 
 
 class EvaluatorTraining(Table):

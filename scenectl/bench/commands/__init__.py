@@ -8,7 +8,7 @@ from scenectl.console.lazy import group
 
 BENCHES = (
     "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit",
-    "query", "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices",
+    "query", "building", "posterior", "generator", "sentences", "ablations", "gallery", "startup", "threads", "prices",
     "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "characters",
     "plants", "robots",
 )  # fmt: skip

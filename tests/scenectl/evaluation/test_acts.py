@@ -12,8 +12,8 @@ from scenectl.data.clips import ClipSet, Told
 from scenectl.data.features import joints_to_features
 from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.acts import is_edit, single_acts, held_out_pieces
-from scenectl.evaluation.kinds import ACTS, Confusion, load_classifier
-from scenectl.evaluation.training import WINDOWS, EvaluatorTraining, _Whole, train_acts
+from scenectl.evaluation.kinds import ACTS, WINDOWS, Confusion, load_classifier
+from scenectl.evaluation.training import EvaluatorTraining, _Whole, train_acts
 from scenectl.training.loop import LoopSettings
 from scenes.errors import UserError
 from tests.scenectl.small import walk
