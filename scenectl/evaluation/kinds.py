@@ -71,6 +71,16 @@ class Confusion:
         pairs = Counter(zip(true, predicted, strict=True))
         return cls(tuple(kinds), torch.tensor([[pairs[t, p] for p in kinds] for t in kinds]))
 
+    @classmethod
+    def joined(cls, parts: Sequence[Confusion]) -> Confusion:
+        """Counts of several, added up."""
+        kinds = sorted({kind for part in parts for kind in part.kinds})
+        counts = torch.zeros(len(kinds), len(kinds), dtype=torch.long)
+        for part in parts:
+            at = torch.tensor([kinds.index(kind) for kind in part.kinds], dtype=torch.long)
+            counts[at[:, None], at] += part.counts
+        return cls(tuple(kinds), counts)
+
     def recall(self, enough: int = ENOUGH) -> dict[str, float]:
         """Share of each kind that was recognised, for kinds with enough clips."""
         total = self.counts.sum(1)

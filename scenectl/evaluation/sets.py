@@ -72,6 +72,16 @@ class HeldOut:
         return cls(features, captions, [data.groups[i] for i in chosen])
 
 
+    def at_most(self, each: int) -> HeldOut:
+        """The same with so many clips of each kind at most, taken at even steps."""
+        kept: list[int] = []
+        for kind in sorted(set(self.kinds)):
+            mine = [i for i, found in enumerate(self.kinds) if found == kind]
+            kept += [mine[i * len(mine) // each] for i in range(each)] if len(mine) > each else mine
+        kept.sort()
+        return HeldOut(*([column[i] for i in kept] for column in (self.features, self.captions, self.kinds)))
+
+
 @dataclass(frozen=True)
 class MotionSet:
     """Motions of one origin, both as a viewer and as an evaluator sees them.

@@ -63,7 +63,7 @@ def max_acceleration(motion: Motion) -> Float[Tensor, "*b"]:
     return _largest_accelerations(motion).amax(dim=-1)
 
 
-def _largest_accelerations(motion: Motion) -> Float[Tensor, "*b T-2"]:
+def _largest_accelerations(motion: Motion) -> Float[Tensor, "*b _T"]:
     """Of the frames but the first and the last the largest second difference of any joint, m/frame^2; 0 in padding."""
     joints, valid = motion.joints, motion.valid
     second = (joints[..., 2:, :, :] - 2 * joints[..., 1:-1, :, :] + joints[..., :-2, :, :]).norm(dim=-1).amax(dim=-1)

@@ -6,13 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-
 HEADS = ("criterion", "wanted", "got", "met")
 
 
 def within(what: str, low: float, high: float, got: float | None) -> dict[str, Any]:
     """A criterion that wants a figure from `low` to `high`; one that was not measured is not met."""
-    wanted = f"at most {high:g}" if low == -math.inf else f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+    wanted = (
+        f"at most {high:g}" if low == -math.inf else f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+    )
     return {"criterion": what, "wanted": wanted, "got": got, "met": got is not None and low <= got <= high}
 
 

@@ -47,7 +47,7 @@ class Seen:
 
     @property
     def middle(self) -> float:
-        return (self.begin + self.end) / 2
+        return round((self.begin + self.end) / 2, 6)  # equal ones shall be equal
 
 
 def look(features: Float[Tensor, "T 263"], classifier: KindClassifier) -> list[Seen]:
@@ -106,8 +106,8 @@ def bench_sentences(
         UserError: the file is wrong, or the classifier does not know what it asks for.
 
     Returns:
-        ``{"summary", "rows", "criteria"}``: a row for each motion, generated and recorded, with the acts of it that were
-        recognised, the share of other sentences whose acts would have been, and a timeline's `seam_ratio`.
+        ``{"summary", "rows", "criteria"}``: a row for each motion, generated and recorded, with the acts of it that
+        were recognised, the share of other sentences whose acts would have been, and a timeline's `seam_ratio`.
     """
     asked = load_asked(file) if file is not None else load_asked()
     asked.check(classifier.kinds)

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 import torch
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from torch import Tensor
 
 from scenectl.bench.models.asked import SENTENCES, load_asked
 from scenectl.bench.models.sentences import Seen, bench_sentences, in_order, in_time, look
 from scenectl.data.features import joints_to_features
-from scenectl.evaluation.kinds import WINDOWS
+from scenectl.evaluation.kinds import WINDOWS, KindClassifier
 from scenectl.generators.base import Draft
 from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import Spec
@@ -52,10 +52,11 @@ part = [
 SPEED = {"stands": 0.0, "walks": 1.0, "runs": 3.0}
 
 
-class Pace:
+class Pace(KindClassifier):
     """Tells kinds by the speed of the pelvis over the ground."""
 
-    kinds = ("walk", "run", "idle", "lie")
+    def __init__(self) -> None:
+        super().__init__(["walk", "run", "idle", "lie"], 8, 1)
 
     def predict(self, motions: Sequence[Tensor]) -> list[str]:
         speeds = [20 * float(rows[:, 1:3].norm(dim=-1).mean()) for rows in motions]
@@ -76,7 +77,7 @@ class Listening(TinyGenerator):
             end = frames if prompt.end is None else round(20 * prompt.end)
             for i, word in enumerate(words):
                 speed[begin + (end - begin) * i // len(words) : end] = SPEED[word]
-        joints = TinyGenerator().generate("", seconds, start).motion.joints[0] * 1.0
+        joints = TinyGenerator().generate("x", seconds, start).motion.joints[0] * 1.0
         joints[:, :, 2] += (speed / 20).cumsum(0)[:, None] - 0.5 * torch.arange(frames)[:, None] / 20
         return Draft(Motion(joints.expand(samples, -1, -1, -1)))
 
@@ -119,9 +120,10 @@ def test_windows_cover_a_motion_in_order() -> None:
     assert len(look(joints_to_features(walk(21)), Pace())) == 1  # shorter than any window
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.sampled_from("abc"), max_size=8), st.lists(st.sampled_from("abc"), min_size=1, max_size=4))
 def test_acts_are_in_order_as_letters_in_a_word(word: list[str], wanted: list[str]) -> None:
-    seen = [Seen(i, i + 2.0, kind) for i, kind in enumerate(word)]
+    seen = [Seen(float(i), i + 2.0, kind) for i, kind in enumerate(word)]
     letters = iter(word)
     assert in_order(seen, [[act] for act in wanted]) == all(act in letters for act in wanted)
 
