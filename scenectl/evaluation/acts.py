@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,22 +18,24 @@ COPIES = Augmentation(bend=0)
 PIECES = Augmentation(bend=0, mirror=False, repeat=0)
 HELD_OUT = ("test", "held out")
 """Splits that no classifier and no generator learns from."""
-FOUND = "found"
-"""What the suffix of a piece begins with that was found in a recording ("13_01~found2"); other suffixes are edits."""
+COMPOSED = "composed"
+"""Kind of clips that show several acts, put together of others; all other clips show what their kind says."""
+_FOUND = re.compile(r".*~[a-z-]+\d+")
+"""Ids of pieces that were found in recordings, which end in what they show and their first frame; an edit has none."""
 SURE = 0.8
 """Share of the clips of which a sentence is said that must be of one kind for the sentence to tell the kind."""
 
 
 def single_acts(data: ClipSet) -> ClipSet:
-    """Clips that show one act, and the single acts of those that show several, each with its kind.
+    """Clips that show what their kind says, and the single acts of composed ones, each with its kind.
 
-    What kind an act is, its sentences tell: that of the clips of one act of which they are said. Acts whose sentences
-    are said of several kinds are left out.
+    What kind an act is, its sentences tell: that of the other clips of which they are said. Acts whose sentences are
+    said of several kinds are left out.
     """
     said = _said(data)
     cuts: list[tuple[int, Told, str]] = []
     for i, (whole, *parts) in enumerate(data.told):
-        if whole.acts == 1:
+        if data.groups[i] != COMPOSED:
             cuts.append((i, whole, data.groups[i]))
         else:
             known = [(part, _kind(part.captions, said)) for part in parts if part.acts == 1]
@@ -50,7 +53,7 @@ def held_out_pieces(folder: Path, cache: Path) -> ClipSet:
         UserError: it is no motion collection, or holds no captioned clip that is held out.
     """
     data = _held_out(folder, cache)
-    made = [i for i, name in enumerate(data.ids) if "~" in name and data.told[i][0].acts == 1]
+    made = [i for i, name in enumerate(data.ids) if "~" in name and data.groups[i] != COMPOSED]
     real = {data.groups[i] for i in made if not is_edit(data.ids[i])}
     return _whole(data, [i for i in made if not is_edit(data.ids[i]) or data.groups[i] not in real])
 
@@ -58,7 +61,7 @@ def held_out_pieces(folder: Path, cache: Path) -> ClipSet:
 def composed_clips(folder: Path, cache: Path) -> ClipSet | None:
     """What is composed of held-out recordings; None where nothing is. Raises UserError as `held_out_pieces` does."""
     data = _held_out(folder, cache)
-    several = [i for i, stretches in enumerate(data.told) if stretches[0].acts > 1]
+    several = [i for i, kind in enumerate(data.groups) if kind == COMPOSED]
     return _whole(data, several) if several else None
 
 
@@ -70,15 +73,14 @@ def _held_out(folder: Path, cache: Path) -> ClipSet:
 
 def is_edit(name: str) -> bool:
     """Whether a clip of that id is an edit, and not a recording or a piece of one."""
-    _, made, suffix = name.partition("~")
-    return bool(made) and not suffix.startswith(FOUND)
+    return "~" in name and _FOUND.fullmatch(name) is None
 
 
 def _said(data: ClipSet) -> dict[str, Counter[str]]:
-    """Of how many clips of one act each sentence is said, by their kind."""
+    """Of how many clips that are not composed each sentence is said, by their kind."""
     said: dict[str, Counter[str]] = {}
     for stretches, kind in zip(data.told, data.groups, strict=True):
-        for caption in stretches[0].captions if stretches[0].acts == 1 else ():
+        for caption in stretches[0].captions if kind != COMPOSED else ():
             said.setdefault(caption, Counter())[kind] += 1
     return said
 

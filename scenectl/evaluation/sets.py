@@ -71,7 +71,6 @@ class HeldOut:
             captions.append(data.captions[i][int(torch.randint(len(data.captions[i]), (), generator=draw))])
         return cls(features, captions, [data.groups[i] for i in chosen])
 
-
     def at_most(self, each: int) -> HeldOut:
         """The same with so many clips of each kind at most, taken at even steps."""
         kept: list[int] = []

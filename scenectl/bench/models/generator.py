@@ -94,7 +94,8 @@ def bench_generator(
     """Evaluate a model on the test split.
 
     For each test clip a motion is generated with each seed, from its caption and of its length. R-precision and
-    diversity are repeated over what is drawn; FID is repeated over bootstrap samples of both sets beside its value on the whole sets.
+    diversity are repeated over what is drawn; FID is repeated over bootstrap samples of both sets beside its value on
+    the whole sets.
 
     Args:
         generator: the model.
@@ -362,7 +363,8 @@ def recall_table(truth: Confusion, made: Confusion, always: Sequence[str] = ()) 
 
 def _mean(rows: Sequence[Row]) -> Row:
     """Means of the figures of several rows."""
-    return {key: statistics.fmean(row[key] for row in rows) for key in rows[0] if isinstance(rows[0][key], float | int)}
+    known = (key for key in rows[0] if all(isinstance(row[key], float | int) for row in rows))
+    return {key: statistics.fmean(row[key] for row in rows) for key in known}
 
 
 def _summary(result: Mapping[str, Any]) -> dict[str, Any]:

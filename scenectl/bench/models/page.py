@@ -83,8 +83,8 @@ def _plausibility(result: Mapping[str, Any]) -> list[str]:
         ),
         "",
         f"Against real motions: skating {skating}, mean acceleration {mean} (of all joints and frames), maximum "
-        f"acceleration {most} (the largest of each motion), power above 6 Hz {power} (of joints relative to the pelvis, "
-        "Hann window). Believable: by the verdict on an empty floor, of captions that ask for no more.",
+        f"acceleration {most} (the largest of each motion), power above 6 Hz {power} (of joints relative to the "
+        "pelvis, Hann window). Believable: by the verdict on an empty floor, of captions that ask for no more.",
         "",
     ]
 

@@ -66,7 +66,8 @@ def held_out_pieces_come_from_held_out_takes_alone(tmp_path: Path) -> None:
     pieces = held_out_pieces(folder, tmp_path / "c")
     assert pieces.ids and all(name.startswith("test~") for name in pieces.ids)
     assert all(is_edit(name) for name in pieces.ids) and len(set(pieces.groups)) > 1
-    assert not is_edit("13_01") and not is_edit("13_01~found2")
+    assert not is_edit("13_01") and not is_edit("13_01~sit-down42")
+    assert is_edit("13_01~pick-up") and is_edit("13_01~idle42~pick-up")
 
 
 def test_samples_are_windows_as_often_as_settings_say(tmp_path: Path) -> None:
