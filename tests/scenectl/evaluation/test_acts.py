@@ -11,7 +11,7 @@ import torch
 from scenectl.data.clips import ClipSet, Told
 from scenectl.data.features import joints_to_features
 from scenectl.evaluation import SHIPPED
-from scenectl.evaluation.acts import is_edit, single_acts, held_out_pieces
+from scenectl.evaluation.acts import held_out_pieces, is_edit, single_acts
 from scenectl.evaluation.kinds import ACTS, WINDOWS, Confusion, load_classifier
 from scenectl.evaluation.training import EvaluatorTraining, _Whole, train_acts
 from scenectl.training.loop import LoopSettings
