@@ -30,12 +30,10 @@ WORDINGS = (
 SECONDS = 10.0
 STRAIGHT = 20.0
 """Degrees that a knee may be bent, from issue 24."""
-RANGE = (0.005, 0.995)
-"""Quantiles of recorded idle windows that bound the range of what people do."""
 WINDOW, HOP = 2.0, 1.0
 """Seconds: sway depends on how long one looks, so recordings and samples are looked at for the same time."""
 FEWEST = 20
-"""Windows of recorded people that quantiles are taken of, at least."""
+"""Windows of recorded people that tell the range, at least."""
 _BOUNDED = ("wrists_m", "sway_m", "stir_m_per_s")
 
 
@@ -141,7 +139,7 @@ def _recorded(data: Path) -> list[Float[Tensor, "_T 22 3"]]:
 
 
 def _bounds(recorded: Sequence[Float[Tensor, "_T 22 3"]]) -> dict[str, list[float]]:
-    """Range of each figure over all windows of recorded people."""
+    """Smallest and largest of each figure over all windows of recorded people."""
     found = [stances(joints) for joints in recorded]
     windows = sum(len(one["sway_m"]) for one in found)
     if windows < FEWEST:
@@ -149,8 +147,8 @@ def _bounds(recorded: Sequence[Float[Tensor, "_T 22 3"]]) -> dict[str, list[floa
             f"the data holds {windows} windows of {WINDOW:g} s of people who stand in held-out takes; {FEWEST} are "
             "needed to tell the range of what people do"
         )
-    quantiles = torch.tensor(RANGE)
-    return {name: torch.cat([one[name] for one in found]).quantile(quantiles).tolist() for name in _BOUNDED}
+    every = {name: torch.cat([one[name] for one in found]) for name in _BOUNDED}
+    return {name: [float(figures.min()), float(figures.max())] for name, figures in every.items()}
 
 
 def _judged(figures: Mapping[str, Float[Tensor, " W"]], bounds: Mapping[str, Sequence[float]]) -> Row:

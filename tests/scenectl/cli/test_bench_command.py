@@ -56,8 +56,10 @@ def test_shards_come_together(keyframes: Callable) -> None:
 
 
 def test_evaluations_of_several_generators_are_told_apart(
-    scenectl: Callable, tiny_generator: None, tmp_path: Path
+    scenectl: Callable, tiny_generator: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("scenectl.bench.models.generator.PIECES", 2)
+    monkeypatch.setattr("scenectl.bench.models.generator.MULTIMODAL", (2, 2))
     clips = {f"c{i}": (walk(40 + i % 5, speed=0.8 + 0.03 * i), {"split": "test"}) for i in range(33)}
     folder, file = write_folder(tmp_path / "data", clips), tmp_path / "found.json"
     second = KindClassifier(["walk"], 8, 1)
