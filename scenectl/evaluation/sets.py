@@ -78,7 +78,9 @@ class HeldOut:
             mine = [i for i, found in enumerate(self.kinds) if found == kind]
             kept += [mine[i * len(mine) // each] for i in range(each)] if len(mine) > each else mine
         kept.sort()
-        return HeldOut(*([column[i] for i in kept] for column in (self.features, self.captions, self.kinds)))
+        return HeldOut(
+            [self.features[i] for i in kept], [self.captions[i] for i in kept], [self.kinds[i] for i in kept]
+        )
 
 
 @dataclass(frozen=True)
