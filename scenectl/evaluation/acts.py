@@ -20,8 +20,9 @@ HELD_OUT = ("test", "held out")
 """Splits that no classifier and no generator learns from."""
 COMPOSED = "composed"
 """Kind of clips that show several acts, put together of others; all other clips show what their kind says."""
-_FOUND = re.compile(r".*~[a-z-]+\d+")
-"""Ids of pieces that were found in recordings, which end in what they show and their first frame; an edit has none."""
+_FOUND = re.compile(r"[^+]*~[a-z-]+\d+")
+"""Ids of pieces that were found in recordings, which end in what they show and their first frame; an edit has none, and
+a "+" stands between what is put together."""
 SURE = 0.8
 """Share of the clips of which a sentence is said that must be of one kind for the sentence to tell the kind."""
 
@@ -59,9 +60,12 @@ def held_out_pieces(folder: Path, cache: Path) -> ClipSet:
 
 
 def composed_clips(folder: Path, cache: Path) -> ClipSet | None:
-    """What is composed of held-out recordings; None where nothing is. Raises UserError as `held_out_pieces` does."""
+    """What is put together of held-out recordings; None where nothing is. Raises UserError as `held_out_pieces` does.
+
+    A recording that shows several acts by itself has no seams, and is left out.
+    """
     data = _held_out(folder, cache)
-    several = [i for i, kind in enumerate(data.groups) if kind == COMPOSED]
+    several = [i for i, kind in enumerate(data.groups) if kind == COMPOSED and is_edit(data.ids[i])]
     return _whole(data, several) if several else None
 
 

@@ -23,7 +23,7 @@ from scenectl.bench.engine import ENGINE, Engine, Result, Row
 from scenectl.bench.models.asked import Asked, Timeline, load_asked
 from scenectl.bench.models.criteria import at_least, at_most
 from scenectl.data.clips import ClipSet
-from scenectl.data.features import FPS, features_to_joints, joints_to_features
+from scenectl.data.features import FPS, features_to_joints, joints_to_features, on_body
 from scenectl.data.sources import load_clips
 from scenectl.evaluation.acts import composed_clips, held_out_pieces
 from scenectl.evaluation.kinds import WINDOWS, KindClassifier
@@ -143,7 +143,7 @@ def _name(asked: Asked, i: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Takes:
-    """Recordings that are put one after another.
+    """Recordings that are put one after another, on a generated body's bones.
 
     Attributes:
         acts: features of clips that show one act, by its name.
@@ -161,7 +161,7 @@ class Takes:
         by_kind: dict[str, list[Tensor]] = {}
         for clips in sets:
             for i, kind in enumerate(clips.groups):
-                by_kind.setdefault(kind, []).append(_rows(clips, i))
+                by_kind.setdefault(kind, []).append(on_body(_rows(clips, i)))
         acts = {act: [row for kind in kinds for row in by_kind.get(kind, ())] for act, kinds in asked.kinds.items()}
         shortest = round(WINDOWS[0] * FPS)
         return cls(

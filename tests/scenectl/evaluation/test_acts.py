@@ -68,6 +68,7 @@ def held_out_pieces_come_from_held_out_takes_alone(tmp_path: Path) -> None:
     assert all(is_edit(name) for name in pieces.ids) and len(set(pieces.groups)) > 1
     assert not is_edit("13_01") and not is_edit("13_01~sit-down42")
     assert is_edit("13_01~pick-up") and is_edit("13_01~idle42~pick-up")
+    assert is_edit("composed1~13_01+13_02~idle42")
 
 
 def test_samples_are_windows_as_often_as_settings_say(tmp_path: Path) -> None:
