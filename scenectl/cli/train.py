@@ -18,7 +18,7 @@ def train(
         str,
         typer.Argument(
             help="all, a stage of the recipe's family (MSCoT: tokenizer, decoder, refiner, transformer), export, "
-            "metric, sweep or evaluator."
+            "metric, sweep, evaluator or acts (the second classifier)."
         ),
     ],
     data: Data = DATA,
@@ -41,13 +41,14 @@ def train(
     if stage == "sweep":
         _sweep(data, config, output, iterations, threads, device)
         return
-    if stage == "evaluator":
-        from scenectl.evaluation.training import train_evaluator
+    if stage in ("evaluator", "acts"):
+        from scenectl.evaluation.training import train_acts, train_evaluator
 
-        out.print(f"the weights are in {train_evaluator(data, output)}")
+        judged = {"evaluator": train_evaluator, "acts": train_acts}[stage](data, output)
+        out.print(f"the weights are in {judged}")
         return
     plan = plan_of(config)
-    known = ("all", *plan.commands, "sweep", "evaluator")
+    known = ("all", *plan.commands, "sweep", "evaluator", "acts")
     if stage not in known:
         raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
     folder = learn(stage, data, config, output, iterations, text, threads, device, weights, plan=plan)

@@ -1,9 +1,9 @@
-"""A classifier of kinds of motion, trained on real motions and then frozen: does a sample show what was asked for?"""
+"""Classifiers of kinds of motion, trained and then frozen: does a sample show what was asked for?"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +16,15 @@ from scenectl.evaluation import SHIPPED
 from scenectl.evaluation.motions import EncoderConfig, MotionEncoder, Padded
 from scenectl.networks.checkpoint import load_network
 
-FILE = "kinds.safetensors"
+FILE, ACTS = "kinds.safetensors", "acts.safetensors"
+"""The first classifier knows the kinds that are recorded, and never saw a clip that was made; the second one knows
+found and edited kinds too, and reads short windows."""
+WINDOWS = (1.6, 2.0, 2.5)
+"""Seconds of the windows in which the second classifier looks for acts within a motion."""
 ENOUGH = 5
 """Test clips from which on a kind's recall is counted."""
+ALONE = 10
+"""Test clips from which on a kind stands in a row of its own; rarer ones share one."""
 
 
 class KindClassifier(nn.Module):
@@ -65,12 +71,33 @@ class Confusion:
         pairs = Counter(zip(true, predicted, strict=True))
         return cls(tuple(kinds), torch.tensor([[pairs[t, p] for p in kinds] for t in kinds]))
 
+    @classmethod
+    def joined(cls, parts: Sequence[Confusion]) -> Confusion:
+        """Counts of several, added up."""
+        kinds = sorted({kind for part in parts for kind in part.kinds})
+        counts = torch.zeros(len(kinds), len(kinds), dtype=torch.long)
+        for part in parts:
+            at = torch.tensor([kinds.index(kind) for kind in part.kinds], dtype=torch.long)
+            counts[at[:, None], at] += part.counts
+        return cls(tuple(kinds), counts)
+
     def recall(self, enough: int = ENOUGH) -> dict[str, float]:
         """Share of each kind that was recognised, for kinds with enough clips."""
         total = self.counts.sum(1)
         return {
             kind: float(self.counts[i, i] / total[i]) for i, kind in enumerate(self.kinds) if int(total[i]) >= enough
         }
+
+    def recall_of(self, kinds: Iterable[str]) -> float | None:
+        """Share of all clips of these kinds that was recognised; None where there is none."""
+        rows = [i for i, kind in enumerate(self.kinds) if kind in set(kinds)]
+        total = int(self.counts[rows].sum())
+        return int(self.counts[rows, rows].sum()) / total if total else None
+
+    @property
+    def clips(self) -> dict[str, int]:
+        """Of each true kind, how many there are."""
+        return {kind: n for kind, n in zip(self.kinds, self.counts.sum(1).tolist(), strict=True) if n}
 
     @property
     def macro_recall(self) -> float:
@@ -79,10 +106,10 @@ class Confusion:
         return sum(found) / len(found) if found else 0.0
 
 
-def load_classifier(folder: str | Path = SHIPPED) -> KindClassifier:
-    """The frozen classifier from a folder; the one that ships by default.
+def load_classifier(folder: str | Path = SHIPPED, file: str = FILE) -> KindClassifier:
+    """A frozen classifier from a folder: the first one (`FILE`) or the second (`ACTS`); the one that ships by default.
 
     Raises:
         UserError: weights are missing, damaged, or of another network.
     """
-    return load_network(Path(folder) / FILE, lambda config: KindClassifier(**config), "classifier")
+    return load_network(Path(folder) / file, lambda config: KindClassifier(**config), "classifier")

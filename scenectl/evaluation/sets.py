@@ -71,6 +71,17 @@ class HeldOut:
             captions.append(data.captions[i][int(torch.randint(len(data.captions[i]), (), generator=draw))])
         return cls(features, captions, [data.groups[i] for i in chosen])
 
+    def at_most(self, each: int) -> HeldOut:
+        """The same with so many clips of each kind at most, taken at even steps."""
+        kept: list[int] = []
+        for kind in sorted(set(self.kinds)):
+            mine = [i for i, found in enumerate(self.kinds) if found == kind]
+            kept += [mine[i * len(mine) // each] for i in range(each)] if len(mine) > each else mine
+        kept.sort()
+        return HeldOut(
+            [self.features[i] for i in kept], [self.captions[i] for i in kept], [self.kinds[i] for i in kept]
+        )
+
 
 @dataclass(frozen=True)
 class MotionSet:

@@ -6,6 +6,7 @@ Penetration comes from the triangles themselves (`Scene.distance_exact`), never 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -57,12 +58,38 @@ def skating_ratio(motion: Motion, ground: float | Float[Tensor, "*b T 2"] = 0.0)
 
 def max_acceleration(motion: Motion) -> Float[Tensor, "*b"]:
     """Largest second difference of any joint over the valid frames, m/frame^2 (x fps^2 = m/s^2)."""
-    joints, valid = motion.joints, motion.valid
     if motion.frames < 3:
-        return joints.new_zeros(joints.shape[:-3])
+        return motion.joints.new_zeros(motion.joints.shape[:-3])
+    return _largest_accelerations(motion).amax(dim=-1)
+
+
+def _largest_accelerations(motion: Motion) -> Float[Tensor, "*b _T"]:
+    """Of the frames but the first and the last the largest second difference of any joint, m/frame^2; 0 in padding."""
+    joints, valid = motion.joints, motion.valid
     second = (joints[..., 2:, :, :] - 2 * joints[..., 1:-1, :, :] + joints[..., :-2, :, :]).norm(dim=-1).amax(dim=-1)
     real = valid[..., 2:] & valid[..., 1:-1] & valid[..., :-2]
-    return torch.where(real, second, 0.0).amax(dim=-1)
+    return torch.where(real, second, 0.0)
+
+
+SEAM = 0.25
+"""Seconds on either side of a seam that belong to it."""
+
+
+def seam_ratio(motion: Motion, seams: Sequence[float]) -> float:
+    """How much more jerkily one motion, ``[T, J, 3]``, moves at seams (s) than elsewhere.
+
+    Of each frame's largest acceleration of a joint, the largest within `SEAM` of a seam over the 99th percentile of all
+    other frames; NaN where there are none of either, or nothing moves.
+    """
+    if motion.frames < 3:
+        return math.nan
+    peaks, real = _largest_accelerations(motion), motion.valid[1:-1]
+    times = torch.arange(1, motion.frames - 1, device=peaks.device) / motion.fps
+    near = ((times[:, None] - times.new_tensor(list(seams))).abs() <= SEAM + 1e-6).any(-1)
+    at, elsewhere = peaks[real & near], peaks[real & ~near]
+    if not len(at) or not len(elsewhere) or not bool(elsewhere.any()):
+        return math.nan
+    return float(at.max() / elsewhere.quantile(0.99))
 
 
 def pose_change(before: Motion, after: Motion) -> Float[Tensor, "*b"]:

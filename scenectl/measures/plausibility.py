@@ -29,6 +29,7 @@ NEIGHBOURLY = 0.03
 FIGURES = (
     "skating_ratio",
     "max_acceleration_m_per_frame2",
+    "acceleration_m_per_s2",
     "jerk_m_per_s3",
     "floating_share",
     "floor_penetration_m",
@@ -43,6 +44,7 @@ def plausibility(motion: Motion, body: ProxyBody = DEFAULT_BODY) -> dict[str, Fl
     return {
         "skating_ratio": skating_ratio(motion),
         "max_acceleration_m_per_frame2": max_acceleration(motion),
+        "acceleration_m_per_s2": acceleration(motion),
         "jerk_m_per_s3": jerk(motion),
         "floating_share": floating_share(motion),
         "floor_penetration_m": floor_penetration(motion),
@@ -52,11 +54,20 @@ def plausibility(motion: Motion, body: ProxyBody = DEFAULT_BODY) -> dict[str, Fl
     }
 
 
+def acceleration(motion: Motion) -> Float[Tensor, "*b"]:
+    """Mean size of the second derivative of joint positions (m/s^2) over joints and valid frames."""
+    return _mean_derivative(motion, 2)
+
+
 def jerk(motion: Motion) -> Float[Tensor, "*b"]:
     """Mean size of the third derivative of joint positions (m/s^3) over joints and valid frames."""
-    third = motion.joints.diff(n=3, dim=-3).norm(dim=-1).mean(-1) * motion.fps**3
-    real = motion.valid.unfold(-1, 4, 1).all(-1)
-    return (third * real).sum(-1) / real.sum(-1).clamp_min(1)
+    return _mean_derivative(motion, 3)
+
+
+def _mean_derivative(motion: Motion, order: int) -> Float[Tensor, "*b"]:
+    size = motion.joints.diff(n=order, dim=-3).norm(dim=-1).mean(-1) * motion.fps**order
+    real = motion.valid.unfold(-1, order + 1, 1).all(-1)
+    return (size * real).sum(-1) / real.sum(-1).clamp_min(1)
 
 
 def floor_penetration(motion: Motion) -> Float[Tensor, "*b"]:

@@ -35,7 +35,7 @@ def error_by_source(round_trip: RoundTrip, data: ClipSet, frames: int) -> dict[s
             continue
         got, true = joints_after(round_trip, data.features[start : start + frames][None])
         error = (got - true).norm(dim=-1)
-        local = (_about_pelvis(got) - _about_pelvis(true)).norm(dim=-1)
+        local = (about_pelvis(got) - about_pelvis(true)).norm(dim=-1)
         row = float(error.mean()), float(local.mean()), float(error[0, -1, 0])
         for key in {data.sources[i], "all", "bandai" if data.sources[i] == "bandai" else "other"}:
             rows.setdefault(key, []).append(row)
@@ -58,7 +58,7 @@ def joints_after(
 def error_by_joint(got: Float[Tensor, "C T 22 3"], true: Float[Tensor, "C T 22 3"]) -> dict[str, dict[str, float]]:
     """Mean distance (m) of every joint from where it should be, in the world and relative to the pelvis."""
     world = (got - true).norm(dim=-1).mean((0, 1))
-    local = (_about_pelvis(got) - _about_pelvis(true)).norm(dim=-1).mean((0, 1))
+    local = (about_pelvis(got) - about_pelvis(true)).norm(dim=-1).mean((0, 1))
     return {
         name: {"global_error_m": float(world[j]), "local_error_m": float(local[j])}
         for j, name in enumerate(HUMANML3D.names)
@@ -74,7 +74,7 @@ def error_by_band(got: Float[Tensor, "C T 22 3"], true: Float[Tensor, "C T 22 3"
         For every band its bounds (Hz), the root mean square of the true movement, of the reconstructed one and of
         their difference (m), over joints, frames and clips.
     """
-    moves = {"true": _about_pelvis(true), "reconstructed": _about_pelvis(got)}
+    moves = {"true": about_pelvis(true), "reconstructed": about_pelvis(got)}
     moves["error"] = moves["reconstructed"] - moves["true"]
     found = {name: band_rms(move) for name, move in moves.items()}
     return [
@@ -85,18 +85,33 @@ def error_by_band(got: Float[Tensor, "C T 22 3"], true: Float[Tensor, "C T 22 3"
 
 def band_rms(x: Float[Tensor, "C T J 3"], fps: float = FPS) -> list[float]:
     """Root mean square of trajectories in each of `BANDS`, about their mean over time (Hann window)."""
-    frames = x.shape[1]
-    window = torch.hann_window(frames, dtype=x.dtype, device=x.device)
-    spectrum = torch.fft.rfft((x - x.mean(1, keepdim=True)) * window[:, None, None], dim=1)
-    # Scaled so that all frequencies together have the mean square of a stationary signal; one side stands for both.
-    power = 2 * spectrum.abs().square().sum(-1).mean((0, 2)) / (frames * window.square().sum())
-    hertz = torch.fft.rfftfreq(frames, 1 / fps, device=x.device)
+    hertz, power = spectrum(x, fps)
     inside = [(hertz >= low) & (hertz < high) for low, high in BANDS]
     inside[-1] |= hertz >= BANDS[-1][1]
     return [math.sqrt(float(power[mask].sum())) for mask in inside]
 
 
-def _about_pelvis(joints: Float[Tensor, "C T 22 3"]) -> Float[Tensor, "C T 22 3"]:
+def spectrum(x: Float[Tensor, "C T J 3"], fps: float = FPS) -> tuple[Float[Tensor, " F"], Float[Tensor, " F"]]:
+    """Frequencies (Hz) and the power at each (m^2), of trajectories about their mean over time (Hann window).
+
+    Mean over clips and joints; all frequencies together have the mean square of a stationary signal.
+    """
+    frames = x.shape[1]
+    window = torch.hann_window(frames, dtype=x.dtype, device=x.device)
+    transformed = torch.fft.rfft((x - x.mean(1, keepdim=True)) * window[:, None, None], dim=1)
+    # One side of the spectrum stands for both.
+    power = 2 * transformed.abs().square().sum(-1).mean((0, 2)) / (frames * window.square().sum())
+    return torch.fft.rfftfreq(frames, 1 / fps, device=x.device), power
+
+
+def power_above(joints: Float[Tensor, "C T 22 3"], low: float, fps: float = FPS) -> float:
+    """Mean power (m^2) of what joints do relative to the pelvis at more than `low` Hz: tremor, jerks, quick waves."""
+    hertz, power = spectrum(about_pelvis(joints), fps)
+    return float(power[hertz > low].sum())
+
+
+def about_pelvis(joints: Float[Tensor, "C T 22 3"]) -> Float[Tensor, "C T 22 3"]:
+    """Joints relative to the pelvis of their frame."""
     return joints - joints[..., :1, :]
 
 

@@ -8,9 +8,8 @@ from scenectl.console.lazy import group
 
 BENCHES = (
     "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit",
-    "query", "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices",
-    "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "characters",
-    "plants", "robots",
+    "query", "building", "posterior", "generator", "sentences", "idle", "ablations", "gallery", "startup", "threads",
+    "prices", "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "characters", "plants", "robots",
 )  # fmt: skip
 
 app = typer.Typer(

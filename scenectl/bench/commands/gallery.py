@@ -23,7 +23,7 @@ def gallery(
     generator: Generator = GENERATOR,
     threads: Threads = None,
 ) -> None:
-    """A page of twelve prompts with three samples each, good and bad: nothing is picked."""
+    """A page of prompts with three samples each, good and bad: nothing is picked."""
     from scenectl.bench.models.gallery import draw_edits, draw_gallery
     from scenectl.threads import threads as on_threads
 

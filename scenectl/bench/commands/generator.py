@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scenectl.bench.commands.shared import measured, shown, wrote
+from scenectl.bench.commands.shared import criteria_shown, loaded, measured, shown, wrote
 from scenectl.console.console import cell, out
-from scenectl.console.options import DATA, Data, Generators, Json, Seed, Threads, Weights
+from scenectl.console.options import DATA, GENERATOR, Data, Generators, Json, Seed, Threads, Weights
 from scenes.errors import UserError
 
 if TYPE_CHECKING:
@@ -24,6 +24,9 @@ def generator(
     evaluator_folder: Annotated[Path | None, typer.Option(help="Where the evaluator's weights lie.")] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Of everything random; intervals come from them.")] = 20,
     seed: Seed = 0,
+    seeds: Annotated[int, typer.Option(min=1, help="Motions of each clip; figures are means over them.")] = 1,
+    against: Annotated[str | None, typer.Option(help="Other weights, measured in the same run.")] = None,
+    acts: Annotated[Path | None, typer.Option(help="Folder of the second classifier, instead of ours.")] = None,
     weights: Weights = "default",
     generator: Generators = None,
     threads: Threads = None,
@@ -33,14 +36,21 @@ def generator(
 ) -> None:
     """All of the evaluation: errors, standard metrics, plausibility, kinds, beside real motions and baselines."""
     from scenectl.bench.models.generator import bench_generator, plot
+    from scenectl.evaluation import SHIPPED
     from scenectl.evaluation.evaluator import load_evaluator
-    from scenectl.evaluation.kinds import load_classifier
+    from scenectl.evaluation.kinds import ACTS, load_classifier
 
     if len(generator or ()) > 1 and (plot_file or page):
         raise UserError("--plot and --page show one generator; name one, or leave them out")
+    if len(generator or ()) > 1 and against:
+        raise UserError("--against compares weights of one generator; name one, or leave it out")
     judge, classifier = load_evaluator(evaluator, evaluator_folder), load_classifier()
+    second = load_classifier(acts or SHIPPED, ACTS)
+    other = loaded((generator or [GENERATOR])[0], against) if against else None
     result = measured(
-        lambda maker, engine: bench_generator(maker, judge, classifier, data, clips, repeats, seed, engine),
+        lambda maker, engine: bench_generator(
+            maker, judge, classifier, data, clips, repeats, seed, engine, seeds, second, other
+        ),
         weights, threads, generator, json_file,
     )  # fmt: skip
     _show(result, json_file)
@@ -61,6 +71,7 @@ def _show(result: Mapping[str, Any], json_file: Path | None) -> None:
         recall = kinds["generated"]["recall"]
         shares = ", ".join(f"{kind} {cell(share)}" for kind, share in recall.items())
         out.print(f"recall by kind{name and f' of {name}'}: {shares}")
+    criteria_shown(result)
 
 
 def _write_page(result: Mapping[str, Any], weights: str, plot_file: Path | None, page: Path) -> None:

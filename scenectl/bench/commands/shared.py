@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenectl.console.console import bars, err, out, show
+from scenectl.console.console import bars, err, out, show, table
 from scenectl.console.options import GENERATOR
 from scenectl.threads import threads
 from scenes.errors import UserError
@@ -85,6 +85,18 @@ def shown(result: Mapping[str, Any], json_file: Path | None, columns: Sequence[s
     several = result["rows"] and "generator" in result["rows"][0]
     show(result, columns=("generator", *columns) if several and columns else columns)
     wrote(json_file)
+
+
+def criteria_shown(result: Mapping[str, Any]) -> None:
+    """Print what is wanted of each figure beside what was measured; by generator where there are several."""
+    from scenectl.bench.models.criteria import HEADS, lines
+
+    criteria = result.get("criteria", [])
+    for name, rows in criteria.items() if isinstance(criteria, dict) else [("", criteria)]:
+        grid = table(*((name, *HEADS[1:]) if name else HEADS))
+        for line in lines(rows):
+            grid.add_row(*line)
+        out.print(grid)
 
 
 def wrote(path: Path | None) -> None:

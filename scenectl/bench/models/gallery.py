@@ -1,4 +1,4 @@
-"""A page of what a generator makes of twelve prompts, three samples each, and of what pose edits make of a walk."""
+"""A page of what a generator makes of some prompts, three samples each, and of what pose edits make of a walk."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from scenectl.bench.engine import ENGINE, Engine, Row
 from scenectl.data.corpus import load_motions
 from scenectl.data.edits.walks import crouched, ducking, reaching, sidestepping
 from scenectl.generators.base import Generator
+from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.measures.metrics import max_acceleration, skating_ratio, travelled
 from scenectl.view.strips import draw_strips
 from scenes.errors import UserError
@@ -29,9 +30,29 @@ PROMPTS = (
     ("a person bows.", 4.0),
     ("a person walks forward and reaches up with the left hand.", 5.0),
     ("a person squats down.", 3.0),
+    ("a person stands relaxed.", 6.0),
+    ("a person walks forward and stops.", 5.0),
     ("a person sits down on a chair.", 4.0),
+    ("a person sits on a chair.", 4.0),
+    ("a person stands up from a chair.", 4.0),
+    ("a person climbs the stairs.", 5.0),
+    ("a person picks up a box from the floor.", 4.0),
+    ("a person carries a box with both hands.", 5.0),
+    ("a person walks forward, then sits down.", 6.0),
+    ("a person ducks, stands up and waves.", 7.0),
+    ("a person picks up a box, carries it and puts it down.", 8.0),
 )
-"""Twelve prompts with their seconds: easy ones first, some that are in no data last."""
+"""Prompts with their seconds: easy ones first, then what one does in a room, then several things one after another."""
+
+TIMELINE = Prompts(
+    (
+        Prompt("a person stands still.", 0.0, 2.5),
+        Prompt("a person walks forward.", 2.5, 6.0),
+        Prompt("a person turns around on the spot.", 6.0, 8.5),
+        Prompt("a person sits down.", 8.5, 12.0),
+    )
+)
+"""Sentences with their times, for generators that take several."""
 
 
 def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, engine: Engine = ENGINE) -> Path:
@@ -46,18 +67,29 @@ def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, en
     """
     folder.mkdir(parents=True, exist_ok=True)
 
-    def drawn(case: tuple[str, str, float]) -> list[Row]:
-        picture, prompt, seconds = case
-        motion = generator.generate(prompt, seconds, Pose2D(), samples=samples, seed=seed).motion
+    def drawn(case: tuple[str, Prompts, float]) -> list[Row]:
+        picture, prompts, seconds = case
+        motion = generator.generate(prompts, seconds, Pose2D(), samples=samples, seed=seed).motion
         draw_strips([(f"sample {s + 1}", motion.joints[s].numpy()) for s in range(samples)], folder / picture)
-        return _rows(picture, prompt, motion)
+        return _rows(picture, _title(prompts), motion)
 
-    cases = [(prompt, (f"{i + 1:02d}.png", prompt, seconds)) for i, (prompt, seconds) in enumerate(PROMPTS)]
+    asked = [(Prompts.of(prompt), seconds) for prompt, seconds in PROMPTS]
+    if "sentences" in generator.spec.abilities:
+        asked.append((TIMELINE, 12.0))
+    cases = [(_title(told), (f"{i + 1:02d}.png", told, seconds)) for i, (told, seconds) in enumerate(asked)]
     result = engine.run(cases, drawn, lambda rows: {}, {"bench": "gallery", "samples": samples, "seed": seed})
     page = folder / "README.md"
     with atomic_write(page, "w") as file:
         file.write("\n".join(_page(result["rows"], samples, seed)))
     return page
+
+
+def _title(prompts: Prompts) -> str:
+    """The sentences, with their times where there are several."""
+    first, *rest = prompts.sentences
+    if not rest:
+        return first.text
+    return " ".join(f"{each.text} ({each.begin:g} to {each.end:g} s)" for each in prompts.sentences)
 
 
 def _rows(picture: str, prompt: str, motion: Motion) -> list[Row]:
@@ -72,7 +104,12 @@ def _rows(picture: str, prompt: str, motion: Motion) -> list[Row]:
 
 
 def _page(rows: Sequence[Row], samples: int, seed: int) -> list[str]:
-    lines = [f"# Twelve prompts, {samples} samples each", "", f"Seed {seed}; nothing is picked.", ""]
+    lines = [
+        f"# {len({row['prompt'] for row in rows})} prompts, {samples} samples each",
+        "",
+        f"Seed {seed}; nothing is picked.",
+        "",
+    ]
     for number, (prompt, mine) in enumerate(groupby(rows, lambda row: str(row["prompt"])), start=1):
         some = list(mine)
         table = [

@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from scenectl.bench.models.criteria import HEADS, lines
+
 _FIGURES = {
     # key of a row: (heading, factor, decimals)
     "skating_ratio": ("skating ratio", 1, 3),
     "max_acceleration_m_per_frame2": ("max. acceleration (m/frame²)", 1, 3),
+    "acceleration_m_per_s2": ("mean acceleration (m/s²)", 1, 2),
+    "quick_power_m2": ("power above 6 Hz (mm²)", 1e6, 2),
     "jerk_m_per_s3": ("jerk (m/s³)", 1, 0),
     "floating_share": ("floating (share of frames)", 1, 4),
     "floor_penetration_m": ("in the floor (mm)", 1000, 1),
@@ -27,14 +31,20 @@ def evaluation_page(result: Mapping[str, Any], weights: str, picture: Path | Non
         "Everything on this page is printed by",
         "",
         "```",
-        "scenectl bench generator --data MOTIONS --json FILE --plot confusion.png --page evaluation.md",
+        "scenectl bench generator --data MOTIONS --seeds 3 --against OTHER --json FILE --plot confusion.png "
+        "--page evaluation.md",
         "```",
         "",
+        *_criteria(result["criteria"]),
         *_sets(result),
-        *_plausibility(result["rows"]),
+        *_plausibility(result),
         *_kinds(result, picture),
         *(_tokens(result["summary"]) if "posterior" in result else []),
     ])  # fmt: skip
+
+
+def _criteria(criteria: Sequence[Mapping[str, Any]]) -> list[str]:
+    return ["## Wanted and got", "", *_table(list(HEADS), lines(criteria)), ""]
 
 
 def _sets(result: Mapping[str, Any]) -> list[str]:
@@ -43,7 +53,9 @@ def _sets(result: Mapping[str, Any]) -> list[str]:
         "could do; *random tokens* is what a generator makes that has learnt nothing."
     )
     return [
-        f"on the {result['clips']} captioned test clips of 36 frames or more, a motion each of the clip's length. The"
+        "## Beside real motions",
+        "",
+        f"On the {result['clips']} captioned test clips of 36 frames or more, a motion each of the clip's length. The"
         f" evaluator is **{result['evaluator']}**, whose figures mean something beside one another, and nothing "
         f"beside published ones.{tokens if len(result['rows']) > 2 else ''}",
         "",
@@ -59,18 +71,26 @@ def _sets(result: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _plausibility(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    real, made = rows[0], rows[-1]
-    times = {key: made[key] / real[key] for key in ("skating_ratio", "max_acceleration_m_per_frame2")}
+def _plausibility(result: Mapping[str, Any]) -> list[str]:
+    rows, summary = result["rows"], result["summary"]
+    names = "skating", "acceleration", "max_acceleration", "power"
+    skating, mean, most, power = (_times(summary[f"{name}_over_real"]) for name in names)
     return [
         "## Plausibility",
         "",
-        *_table(["set", *(heading for heading, _, _ in _FIGURES.values())], [_plausible(row) for row in rows]),
+        *_table(
+            ["set", *(heading for heading, _, _ in _FIGURES.values()), "believable"], [_plausible(row) for row in rows]
+        ),
         "",
-        f"Against real motions: skating {times['skating_ratio']:.2f} times, maximum acceleration "
-        f"{times['max_acceleration_m_per_frame2']:.2f} times.",
+        f"Against real motions: skating {skating}, mean acceleration {mean} (of all joints and frames), maximum "
+        f"acceleration {most} (the largest of each motion), power above 6 Hz {power} (of joints relative to the "
+        "pelvis, Hann window). Believable: by the verdict on an empty floor, of captions that ask for no more.",
         "",
     ]
+
+
+def _times(ratio: float | None) -> str:
+    return "not measured" if ratio is None else f"{ratio:.2f} times"
 
 
 def _kinds(result: Mapping[str, Any], picture: Path | None) -> list[str]:
@@ -88,7 +108,32 @@ def _kinds(result: Mapping[str, Any], picture: Path | None) -> list[str]:
         *_table(["kind", "clips", *names], _recalls(result["kinds"], names)),
         "",
         *([f"![confusion of kinds]({picture.name})", ""] if picture is not None else []),
+        "Over real, kinds with fewer than ten test clips together:",
+        "",
+        *_table(["kind", "clips", "real", "generated", "ratio"], [_over_real(row) for row in result["recall"]]),
+        "",
+        *(_acts(result["recall_of_acts"]) if "recall_of_acts" in result else []),
     ]
+
+
+def _acts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    return [
+        "## Acts",
+        "",
+        "A second classifier, which knows found and edited kinds too, on the same test clips and on pieces of held-out "
+        "recordings; kinds that no recording shows are edits of test clips.",
+        "",
+        *_table(
+            ["kind", "clips", "real", "generated", "ratio", "real ones are"],
+            [[*_over_real(row), row["of"]] for row in rows],
+        ),
+        "",
+    ]
+
+
+def _over_real(row: Mapping[str, Any]) -> list[str]:
+    shares = ("" if row[key] is None else f"{row[key]:.2f}" for key in ("real", "generated", "ratio"))
+    return [row["kind"], str(row["clips"]), *shares]
 
 
 def _tokens(summary: Mapping[str, Any]) -> list[str]:
@@ -127,7 +172,9 @@ def _intervals(row: Mapping[str, Any]) -> list[str]:
 
 
 def _plausible(row: Mapping[str, Any]) -> list[str]:
-    return [row["set"], *(f"{factor * row[key]:.{places}f}" for key, (_, factor, places) in _FIGURES.items())]
+    believable = "" if row["believable"] is None else f"{row['believable']:.0%}"
+    figures = (f"{factor * row[key]:.{places}f}" for key, (_, factor, places) in _FIGURES.items())
+    return [row["set"], *figures, believable]
 
 
 def _recalls(kinds: Mapping[str, Any], names: Sequence[str]) -> list[list[str]]:

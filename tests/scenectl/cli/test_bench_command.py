@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from scenectl.evaluation.kinds import ACTS, KindClassifier
+from scenectl.networks.checkpoint import save_weights
 from tests.scenectl.small import walk
 from tests.scenectl.training.folder import walks, write_folder
 
@@ -54,18 +56,28 @@ def test_shards_come_together(keyframes: Callable) -> None:
 
 
 def test_evaluations_of_several_generators_are_told_apart(
-    scenectl: Callable, tiny_generator: None, tmp_path: Path
+    scenectl: Callable, tiny_generator: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("scenectl.bench.models.generator.PIECES", 2)
+    monkeypatch.setattr("scenectl.bench.models.generator.MULTIMODAL", (2, 2))
     clips = {f"c{i}": (walk(40 + i % 5, speed=0.8 + 0.03 * i), {"split": "test"}) for i in range(33)}
     folder, file = write_folder(tmp_path / "data", clips), tmp_path / "found.json"
-    two = ("bench", "generator", "--data", folder, "--repeats", 2, "--generator", "one", "--generator", "two")
+    second = KindClassifier(["walk"], 8, 1)
+    save_weights(second, tmp_path / ACTS, {"config": second.config})
+    one = ("bench", "generator", "--data", folder, "--repeats", 2, "--acts", tmp_path, "--generator", "one")
+    two = (*one, "--generator", "two")
     said = scenectl(*two, "--json", file)
     assert said.status == 0 and "evaluator: own" in said.out and "recall by kind of two" in said.out
+    assert "believable, of prompts that ask for no scene" in said.out
     found = json.loads(file.read_text())
     assert [(row["generator"], row["set"]) for row in found["rows"][1:3]] == [("one", "generated"), ("two", "real")]
     assert found["summary"]["one"] == found["summary"]["two"] and set(found["kinds"]) == {"one", "two"}
     said = scenectl(*two, "--page", tmp_path / "page.md")
     assert said.status == 2 and "--plot and --page show one generator" in said.err
+    said = scenectl(*two, "--against", "default")
+    assert said.status == 2 and "--against compares weights of one generator" in said.err
+    said = scenectl("bench", "sentences", "--data", folder, "--acts", tmp_path, "--generator", "one")
+    assert said.status == 2 and "the classifier knows no kind of act" in said.err
 
 
 def test_mistakes_are_answered_in_a_sentence(keyframes: Callable, scenectl: Callable, data: Path) -> None:

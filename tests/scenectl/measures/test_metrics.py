@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from scenectl.measures.metrics import (
     max_acceleration,
     measure,
     pose_change,
+    seam_ratio,
     skating_ratio,
     travelled,
 )
@@ -83,6 +85,18 @@ def test_skating_equals_the_definition_written_as_loops() -> None:
     expected = [skating_by_hand(joints[s, :n][:, [10, 11]].double().numpy()) for s, n in enumerate(lengths)]
     assert any(0.02 < value < 0.98 for value in expected)
     assert ratios.tolist() == pytest.approx(expected, abs=2e-4)
+
+
+def test_a_seam_ratio_compares_seams_with_all_else_whatever_the_pace() -> None:
+    joints = torch.zeros(100, 22, 3, dtype=torch.float64)
+    joints[:, :, 0] = 0.01 * torch.arange(100)[:, None] ** 2 / 2  # 0.01 m/frame^2 everywhere
+    assert seam_ratio(Motion(joints), [2.5]) == pytest.approx(1.0, rel=1e-3)
+    kicked = joints.clone()
+    kicked[52, 21, 1] += 0.05  # one hand, 0.1 s behind the seam: a second difference of 0.1
+    assert seam_ratio(Motion(kicked), [2.5]) == pytest.approx(10.0, rel=0.01)
+    assert seam_ratio(Motion(3 * kicked), [2.5]) == pytest.approx(10.0, rel=0.01)
+    assert seam_ratio(Motion(kicked), [4.0]) == pytest.approx(0.1, rel=0.05)  # the 99th percentile meets it
+    assert math.isnan(seam_ratio(Motion(joints), [])) and math.isnan(seam_ratio(Motion(joints[:2]), [0.0]))
 
 
 def test_max_acceleration_has_no_fps_and_ignores_padding() -> None:

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 import torch
 
-from scenectl.bench.models.generator import bench_generator, plot
+from scenectl.bench.models.generator import asks_for_scene, bench_generator, plot, recall_table
 from scenectl.bench.models.page import evaluation_page
 from scenectl.data.clips import prepare
 from scenectl.data.features import joints_to_features
 from scenectl.evaluation.contrastive import Contrastive, ContrastiveConfig, ContrastiveEvaluator
-from scenectl.evaluation.kinds import KindClassifier
+from scenectl.evaluation.kinds import Confusion, KindClassifier
 from scenectl.evaluation.motions import EncoderConfig
 from scenectl.evaluation.sets import HeldOut, MotionSet, generated, real, reconstructed
 from scenectl.generators.mscot.sampling import MSCoT
@@ -27,6 +27,9 @@ KEYS = {
     "max_acceleration_m_per_frame2", "max_acceleration_real_m_per_frame2", "fid", "fid_reconstruction",
     "fid_random_tokens", "r_precision_top3", "r_precision_top3_real", "label_recall", "label_recall_real",
     "posterior_kl", "root_drift_m", "root_drift_other_m", "worst_kind", "bone_length_drift_m", "limb_ends_moved_m",
+    "acceleration_m_per_s2", "acceleration_real_m_per_s2", "skating_over_real", "acceleration_over_real",
+    "max_acceleration_over_real", "power_over_real", "fid_other_weights", "believable", "believable_real",
+    "worst_ratio", "worst_ratio_kind",
 }  # fmt: skip
 
 
@@ -44,12 +47,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def result(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SCENECTL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr("scenectl.bench.models.generator.PIECES", 2)
+        patch.setattr("scenectl.bench.models.generator.MULTIMODAL", (4, 3))
         torch.manual_seed(0)
         sizes = EncoderConfig(width=16, depth=1, out=8)
         model = Contrastive(ContrastiveConfig(motion=sizes, text="none", text_dim=6, hidden=8))
         judge = ContrastiveEvaluator(model, Words())
         classifier = KindClassifier(["run", "walk"], 8, 1)
-        return bench_generator(MSCoT(bundle()), judge, classifier, folder, repeats=3)
+        second = KindClassifier(["run", "walk", "crouch"], 8, 1)
+        other = MSCoT(bundle(1))
+        return bench_generator(
+            MSCoT(bundle()), judge, classifier, folder, repeats=3, seeds=2, acts=second, against=other
+        )
 
 
 def test_the_summary_has_what_was_asked_for(result: dict[str, Any]) -> None:
@@ -62,24 +71,77 @@ def test_the_summary_has_what_was_asked_for(result: dict[str, Any]) -> None:
 
 def test_every_set_is_scored_alike_and_real_motions_are_their_own_measure(result: dict[str, Any]) -> None:
     rows = {row["set"]: row for row in result["rows"]}
-    assert list(rows) == ["real", "reconstruction", "random tokens", "generated"]
-    assert len({tuple(row) for row in result["rows"]}) == 1
+    assert list(rows) == ["real", "reconstruction", "random tokens", "generated", "other weights"]
+    assert len(result["rows"]) == 6 and len({tuple(row) for row in result["rows"]}) == 1
     assert rows["real"]["fid"] == pytest.approx(0.0, abs=1e-6)
-    assert rows["generated"]["fid"] > 0 and rows["generated"]["multimodality"] > 0
+    first, second = (row for row in result["rows"] if row["set"] == "generated")
+    assert first["fid"] > 0 and first["multimodality"] > 0 and second["multimodality"] is None
+    assert first["fid"] != second["fid"] != rows["other weights"]["fid"]
+    for name in ("fid", "skating_ratio", "acceleration_m_per_s2", "label_recall"):
+        assert result["summary"][name] == pytest.approx((first[name] + second[name]) / 2)
     assert rows["real"]["floor_penetration_m"] == pytest.approx(0.0, abs=1e-4)
     assert result["kinds"]["real"]["macro_recall"] == rows["real"]["label_recall"]
-    assert sum(map(sum, result["kinds"]["generated"]["confusion"])) == result["clips"] == 33
+    assert sum(map(sum, result["kinds"]["generated"]["confusion"])) == 2 * result["clips"] == 66
+
+
+def test_recall_is_over_that_on_real_motions_and_acts_are_looked_for_in_pieces_too(result: dict[str, Any]) -> None:
+    assert [(row["kind"], row["clips"]) for row in result["recall"]] == [("run", 17), ("walk", 16)]
+    acts = {row["kind"]: row for row in result["recall_of_acts"]}
+    assert acts["run"]["of"] == "recordings" and acts["run"]["clips"] == 17
+    edits = [row for row in acts.values() if row["of"] != "recordings" or row["kind"].startswith("rarer")]
+    assert edits and all(row["clips"] > 0 for row in edits)  # of test clips
+
+
+def test_rare_kinds_share_a_row_unless_they_are_asked_for() -> None:
+    truth = Confusion.of(["a"] * 10 + ["b"] * 4 + ["c"] * 2, ["a"] * 10 + ["b"] * 3 + ["a"] + ["b"] * 2)
+    made = Confusion.of(["a"] * 10 + ["b"] * 4 + ["c"] * 2, ["a"] * 5 + ["b"] * 5 + ["b"] * 4 + ["c"] * 2)
+    rows = {row["kind"]: row for row in recall_table(truth, made)}
+    assert rows["a"] == {"kind": "a", "clips": 10, "real": 1.0, "generated": 0.5, "ratio": 0.5}
+    assert rows["rarer (2 kinds)"]["real"] == 0.5 and rows["rarer (2 kinds)"]["ratio"] == 2.0
+    assert set(recall_table(truth, made, ["c"])[1]) and {"a", "c", "rarer (1 kinds)"} == {
+        row["kind"] for row in recall_table(truth, made, ["c"])
+    }
+    (c,) = (row for row in recall_table(truth, made, ["c"]) if row["kind"] == "c")
+    assert c["ratio"] is None  # never recognised on real motions
+
+
+def test_criteria_tell_what_was_wanted_and_got(result: dict[str, Any]) -> None:
+    found = {row["criterion"]: row for row in result["criteria"]}
+    assert found["second classifier, over real: sit down"]["got"] is None
+    assert not found["second classifier, over real: sit down"]["met"]
+    for row in result["criteria"]:
+        low, high = (0.8, 1.1) if " to " in row["wanted"] else (0.0, float(row["wanted"].split()[-1]))
+        if row["wanted"].startswith("at least"):
+            low, high = high, float("inf")
+        assert row["met"] == (row["got"] is not None and low <= row["got"] <= high)
+
+
+@pytest.mark.parametrize(
+    ("kind", "caption", "asks"),
+    [
+        ("walk", "a person walks forward.", False),
+        ("walk", "a person walks up the stairs.", True),
+        ("sit", "a person waits.", True),
+        ("bandai: bow", "A person bows, then steps back.", False),
+        ("other", "someone Sits down on a chair", True),
+    ],
+)
+def test_prompts_that_need_more_than_a_floor_are_told(kind: str, caption: str, asks: bool) -> None:
+    assert asks_for_scene(kind, caption) == asks
 
 
 def test_the_page_has_every_set_and_kind_and_no_figure_that_the_result_lacks(result: dict[str, Any]) -> None:
     page = evaluation_page(result, "default", Path("kinds.png"))
     lines = page.splitlines()
     for name in ("real", "reconstruction", "random tokens", "generated"):
-        assert sum(line.startswith(f"| {name} |") for line in lines) == 3
+        assert sum(line.startswith(f"| {name} |") for line in lines) == 3 * (1 + (name == "generated"))
     recall = result["kinds"]["generated"]["recall"]
     for kind, share in recall.items():
-        (line,) = (line for line in lines if line.startswith(f"| {kind} |"))
+        line = next(line for line in lines if line.startswith(f"| {kind} |"))
         assert line.endswith(f"| {share:.2f} |")
+    for row in result["criteria"]:
+        assert sum(line.startswith(f"| {row['criterion']} | {row['wanted']} |") for line in lines) == 1
+    assert "## Acts" in lines and "edits of test clips" in page
     assert "![confusion of kinds](kinds.png)" in page
     assert f"{result['summary']['label_recall']:.3f} on generated ones" in page
     assert "confusion of kinds" not in evaluation_page(result, "default")
