@@ -371,7 +371,8 @@ def _summary(result: Mapping[str, Any]) -> dict[str, Any]:
     rows, kinds = result["rows"], result["kinds"]
     by_name = {row["set"]: row for row in rows}
     truth, made = by_name[REAL], _mean([row for row in rows if row["set"] == GENERATED])
-    worst = min((row for row in result["recall"] if row["ratio"] is not None), key=lambda row: row["ratio"], default={})
+    known = [row for row in result["recall"] if row["ratio"] is not None]
+    worst: Row = min(known, key=lambda row: row["ratio"], default={})
     return {
         **{key: made[key] for key in ("skating_ratio", "max_acceleration_m_per_frame2", "acceleration_m_per_s2")},
         "skating_ratio_real": truth["skating_ratio"],

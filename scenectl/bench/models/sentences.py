@@ -221,7 +221,7 @@ class _Judge:
                 GENERATED, line, joints_to_features(motion.joints),
                 [(part.begin, part.end) for part in line.part], seam_ratio(motion, line.seams),
             )
-            for motion in made
+            for motion in (made[s] for s in range(samples))
         ]  # fmt: skip
 
     def recorded(self, takes: Takes, i: int, samples: int, draw: torch.Generator) -> list[Row]:
