@@ -19,6 +19,7 @@ from scenectl.data.edits.picking import fetching, picking_up, putting_down
 from scenectl.data.edits.seats import seated
 from scenectl.data.edits.steps import climbing
 from scenectl.data.edits.walks import crouched, ducking, reaching, sidestepping
+from scenectl.data.features import FPS
 from scenectl.data.found import found
 from scenectl.data.kinds import kind_of
 from scenectl.data.repeat import repeated
@@ -61,7 +62,7 @@ class Augmentation(Table):
         found: cut pieces out of recordings that show one act (`scenectl.data.found`); edits are tried on them, too.
         crouch, duck, sidestep, climb: copies with this edit that a walk is tried for; a fraction is a share of them.
         reach, lean, seat, pick_up, put_down, fetch, carry: the same of every clip.
-        composed: hours of sequences of acts (`scenectl.data.compose`).
+        composed: sequences of acts (`scenectl.data.compose`), so many times as long as what was recorded.
         repeat: share of the short clips of `REPEATING` kinds that get a copy which goes on for six to ten seconds.
     """
 
@@ -83,7 +84,7 @@ class Augmentation(Table):
     put_down: float = Field(default=1.0, ge=0)
     fetch: float = Field(default=1.0, ge=0)
     carry: float = Field(default=0.5, ge=0)
-    composed: float = Field(default=6.0, ge=0)
+    composed: float = Field(default=2.0, ge=0)
     repeat: float = Field(default=1.0, ge=0, le=1)
 
     @classmethod
@@ -107,7 +108,8 @@ def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[
     if settings.mirror:
         out += [mirrored(clip) for clip in out]
     if settings.composed:
-        out += composed([*whole, *edited], draw, settings.composed)
+        hours = sum(clip.frames for clip in clips) / FPS / 3600
+        out += composed([*whole, *edited], draw, settings.composed * hours)
     return out
 
 

@@ -15,7 +15,7 @@ from scenes.errors import UserError
 
 COPIES = Augmentation(bend=0)
 """Everything that is found, edited and composed; bent and retimed copies show nothing new."""
-PIECES = Augmentation(bend=0, mirror=False, repeat=0)
+PIECES = Augmentation(bend=0, mirror=False, repeat=0, composed=0.2)
 HELD_OUT = ("test", "held out")
 """Splits that no classifier and no generator learns from."""
 COMPOSED = "composed"

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from scenectl.data.clips import ClipSet
+from scenectl.data.clips import ClipSet, Told
 from scenectl.data.features import joints_to_features
 from scenectl.generators.mscot.bundle import METRIC, PARTS, load_bundle
 from scenectl.generators.mscot.networks.preconditioner import Preconditioner
@@ -65,7 +65,9 @@ def walks() -> ClipSet:
     rows = torch.cat([joints_to_features(walk(201, speed, turn)) for speed, turn in ((1.0, 0.0), (1.4, 1.0))])
     two: list[str] = ["a", "b"]
     starts = torch.tensor([0, 200, 400])
-    return ClipSet(rows, starts, [["a"], ["b"]], two, ["cmu"] * 2, two, ["free"] * 2, [True] * 2)
+    return ClipSet(
+        rows, starts, [[Told(0, 200, ["a"])], [Told(0, 200, ["b"])]], two, ["cmu"] * 2, two, ["free"] * 2, [True] * 2
+    )
 
 
 def test_its_measurement_is_a_mean_whatever_was_drawn() -> None:
@@ -83,7 +85,7 @@ def test_its_measurement_is_a_mean_whatever_was_drawn() -> None:
 @pytest.mark.parametrize("frames", [40, 100])
 def test_it_is_measured_on_short_clips_where_there_are_no_others(frames: int) -> None:
     rows = joints_to_features(walk(frames + 1))
-    data = ClipSet(rows, torch.tensor([0, frames]), [["a"]], ["a"], ["cmu"], ["a"], ["free"], [True])
+    data = ClipSet(rows, torch.tensor([0, frames]), [[Told(0, frames, ["a"])]], ["a"], ["cmu"], ["a"], ["free"], [True])
     made = bundle()
     assert bool(measure_preconditioner(made.tokenizer, made.refiner, data).root.isfinite().all())
 
