@@ -37,6 +37,8 @@ FRAMES = (48, 196)
 """Frames of a sequence."""
 STRETCH = (24, 70)
 """Frames of a steady act that are shown, 1.2 to 3.5 s."""
+MOST, SHOWN = 4, 16
+"""Acts in a sequence at most, and frames of each at least: less shows nothing."""
 EDGE = 0.2
 """Share of an act shown whole that may be cut off at either end: people stand ready there."""
 ALIKE = 0.13
@@ -285,6 +287,8 @@ def _joined(chain: Sequence[Shown], draw: random.Random, number: int) -> Clip | 
         for piece, (begin, _), a, b in zip(pieces, spans, edges[:-1], edges[1:], strict=True)
         for act in _acts(piece, a - begin, a, b, draw)
     )
+    if len(acts) > MOST or any(act.end - act.begin < SHOWN for act in acts):
+        return None
     return Clip(
         id=f"composed{number:05d}~" + "+".join(piece.clip.id for piece in pieces),
         joints=canonicalise(joints),

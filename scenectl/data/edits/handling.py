@@ -27,6 +27,7 @@ from scenectl.data.edits.limbs import (
     chest,
     clear_of_trunk,
     elbow_side,
+    perpendicular,
     pitched,
     turned_trunk,
     with_hand,
@@ -175,12 +176,29 @@ def led(joints: Joints, side: Side, places: Sequence[tuple[Place, Track]]) -> Jo
     led_away = torch.zeros(len(joints))
     for place, share in places:
         led_away = torch.lerp(led_away, torch.full_like(share, float(place.wrist is not None)), share)
-    free, own = joints[:, ARMS[side][2]], elbow_side(joints, side, led_away)
-    now, pole = free, own
+    shoulder, free = joints[:, ARMS[side][0]], joints[:, ARMS[side][2]]
+    now = free
     for place, share in places:
         now = torch.lerp(now, free if place.wrist is None else place.wrist, share[:, None])
-        pole = torch.lerp(pole, own if place.elbow is None else place.elbow, share[:, None])
-    return with_hand(joints, side, clear_of_trunk(joints, now), pole)
+    now = clear_of_trunk(joints, now)
+    own = _along(elbow_side(joints, side, led_away), free - shoulder, now - shoulder)
+    pole = own
+    for place, share in places:
+        its = own if place.elbow is None else place.elbow
+        if place.wrist is not None and place.elbow is not None:
+            its = _along(place.elbow, place.wrist - shoulder, now - shoulder)
+        pole = torch.lerp(pole, its, share[:, None])
+    # Between opposite sides an elbow would swing round in a frame.
+    calm = pole.new_tensor(gaussian_filter1d(pole.cpu().numpy(), 2.5, axis=0))
+    return with_hand(joints, side, now, torch.lerp(pole, calm, led_away[:, None]))
+
+
+def _along(pole: Float[Tensor, "T 3"], arm: Float[Tensor, "T 3"], now: Float[Tensor, "T 3"]) -> Float[Tensor, "T 3"]:
+    """Which way the elbow of one arm points, turned with that arm to where it is now; unit vectors."""
+    a, b = (v / v.norm(dim=-1, keepdim=True).clamp_min(1e-6) for v in (arm, now))
+    pole = perpendicular(pole, a)
+    pole = pole / pole.norm(dim=-1, keepdim=True).clamp_min(1e-6)
+    return pole - (b * pole).sum(-1, keepdim=True) / (1 + (a * b).sum(-1, keepdim=True)).clamp_min(0.05) * (a + b)
 
 
 def bowed(joints: Joints, share: Track, depth: float, pitch: float, turn: float) -> Joints:
@@ -257,8 +275,8 @@ def any_hold(draw: random.Random, sides: tuple[Side, ...] | None = None) -> Hold
         return Hold(sides, (0.0, up, ahead), u(0.2, 0.48), (u(0.4, 0.9), -0.7, -0.5), where)
     where, at, elbow = draw.choice(
         [
-            ("side", (u(0.24, 0.34), u(-0.26, -0.18), u(-0.03, 0.08)), (0.4, 0.0, -0.9)),
-            ("side", (u(0.24, 0.34), u(-0.26, -0.18), u(-0.03, 0.08)), (0.4, 0.0, -0.9)),
+            ("side", (u(0.24, 0.34), u(-0.36, -0.28), u(-0.03, 0.08)), (0.4, 0.0, -0.9)),
+            ("side", (u(0.24, 0.34), u(-0.36, -0.28), u(-0.03, 0.08)), (0.4, 0.0, -0.9)),
             ("belly", (u(0.05, 0.2), u(0.04, 0.16), u(0.22, 0.32)), (0.6, -0.6, -0.6)),
             ("shoulder", (u(0.16, 0.22), u(0.42, 0.5), u(0.14, 0.2)), (0.3, -0.7, 0.7)),
         ]

@@ -77,7 +77,7 @@ def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
 REACHES = {
     "up": ((0.05, 0.42), (0.25, 0.46), (0.0, 0.16), (0.0, 0.06)),
     "forward": ((-0.2, 0.05), (0.4, 0.5), (-0.05, 0.15), (0.0, 0.3)),
-    "down": ((-0.5, -0.3), (0.2, 0.4), (-0.05, 0.15), (0.2, 0.6)),
+    "down": ((-0.5, -0.35), (0.25, 0.4), (-0.05, 0.15), (0.35, 0.7)),
     "to the": ((-0.15, 0.3), (0.0, 0.2), (0.35, 0.48), (0.0, 0.1)),
 }
 """Where hands reach: up, forward and outwards of the shoulder (m), and by how much the trunk bows (rad). HDM05's

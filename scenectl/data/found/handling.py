@@ -17,6 +17,8 @@ _FLOOR, _HIGH = 0.55, 0.1
 """Height (m) of a wrist whose hand is at the floor, and how far below a standing head one is that is up high."""
 _LYING, _OFF_FLOOR, _PASSING = 0.25, 0.15, 0.8
 """Who has the pelvis lower (m) lies, both feet higher (m) jumps, who is faster (m/s) passes by."""
+_AWAY = 0.1
+"""How much farther off (m) hands are where a piece begins and ends: they go there and come back."""
 _AROUND = 50
 """Frames before and after the hand is there that a piece may take."""
 
@@ -61,7 +63,7 @@ def handlings(clip: Clip) -> Iterator[Clip]:
         edges = [0, *((peaks[:-1] + peaks[1:]) // 2).tolist(), clip.frames]
         for i, peak in enumerate(peaks.tolist()):
             a, b = widened(max(edges[i], peak - _AROUND), min(edges[i + 1], peak + _AROUND), clip.frames)
-            if not sound[peak] or b - a < SHORTEST:
+            if not sound[peak] or b - a < SHORTEST or max(there[a].max(), there[b - 1].max()) > -_AWAY:
                 continue
             side = ("left", "right")[int(there[peak].argmax())]
             fitting = [words for words in texts if "{side}" not in words or there[peak].min() < 0]  # one hand of two

@@ -32,6 +32,8 @@ JERK = 0.01
 """What a foot that stands moves from one frame to the next at most, m; captures of toes jerk."""
 HANGING = 0.08
 """How far (m) a wrist of someone who lets the arms hang gets from its mean."""
+LOWERED = 75.0
+"""Degrees from hanging straight down to which arms of someone who stands may be bent or held."""
 HOLDS = (60, 200)
 """Frames that a rest is held for."""
 _OTHERWISE = (
@@ -104,6 +106,7 @@ def _stops(clip: Clip, joints: Float[Tensor, "T 22 3"], name: str) -> Iterator[C
     """Stops in a motion, or starts in one that runs backwards."""
     traits = Traits.of(joints)
     still = (traits.trunk > 0.9) & (traits.knees < 60) & (traits.feet < 0.3) & (traits.speed < 0.2)
+    still &= traits.arms < LOWERED
     going = runs(traits.speed > 0.5, round(0.8 * FPS), gap=4)
     for rest, end in runs(still, 10):
         walk = next((w for w in reversed(going) if w[1] <= rest + 4 and rest - w[1] < FPS), None)
