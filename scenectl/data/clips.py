@@ -25,7 +25,7 @@ from scenectl.data.sentences import in_one
 from scenes.errors import UserError
 from scenes.files import atomic_write, sweep
 
-_FORMAT = 10
+_FORMAT = 11
 """Raised whenever prepared data must be made again."""
 
 _MOST = 2000
