@@ -236,12 +236,15 @@ def with_hand(
 def elbow_side(joints: Float[Tensor, "T 22 3"], side: str, led: Float[Tensor, " T"]) -> Float[Tensor, "T 3"]:
     """Which way the elbow lies from the line between shoulder and wrist, as a unit vector.
 
-    An arm that is nearly straight does not say: as far as it is `led` away, its elbow is behind it and outwards.
+    An arm that is nearly straight does not say, and captures of one may bend it backwards: around where it is `led`
+    away, its elbow is behind it and outwards.
     """
     shoulder, elbow, wrist = ARMS[side]
     bent = perpendicular(joints[:, elbow] - joints[:, shoulder], joints[:, wrist] - joints[:, shoulder])
     left, _, forward = chest(joints)
-    doubt = (0.04 - bent.norm(dim=-1, keepdim=True)).clamp_min(0.0) * led[:, None]
+    # Before the arm bends, when an elbow that goes to the other side goes a few centimetres.
+    soon = gaussian_filter1d(maximum_filter1d((led > 0.002).float().cpu().numpy(), 17), 3.0)
+    doubt = 4 * (0.06 - bent.norm(dim=-1, keepdim=True)).clamp_min(0.0) * led.new_tensor(soon)[:, None]
     pole = bent + doubt * ((left if side == "left" else -left) - forward)
     return pole / pole.norm(dim=-1, keepdim=True).clamp_min(1e-6)
 

@@ -22,8 +22,9 @@ from scenectl.data.edits.limbs import (
     with_arm,
     with_legs,
 )
-from scenectl.data.edits.timing import eased, lingered, smooth
+from scenectl.data.edits.timing import eased, smooth
 from scenectl.data.features import FPS, canonicalise
+from scenectl.data.found.holding import held
 from scenectl.data.sentences import in_one
 from scenes.motion.skeleton import HUMANML3D
 
@@ -80,7 +81,7 @@ def seated(clip: Clip, draw: random.Random) -> Clip | None:
     joints, onto = _led(clip.joints, chosen, height, draw)
     joints, onto = joints[begin:end], onto[begin:end]
     if name == "sit":
-        joints = lingered(joints, draw.randint(int(3 * FPS), int(8 * FPS)), draw.random())
+        joints = held(joints, draw.randint(int(3 * FPS), int(8 * FPS)), draw, sway=0.0)
     copy = edited(clip, name, "", joints)
     if copy is None:
         return None
