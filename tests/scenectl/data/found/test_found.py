@@ -62,7 +62,8 @@ def test_pieces_are_whole_clips_of_their_own(made: tuple[Clip, ...]) -> None:
             assert float((bone - float(HUMANML3D.bone_lengths[child])).abs().max()) < 4e-3
         assert len(set(clip.captions)) == len(clip.captions) >= 2
         for text in clip.captions:
-            assert SUBJECT.match(text) and text.endswith(".") and "{" not in text and text == text.lower()
+            assert SUBJECT.match(text) or clip.acts  # which may begin with what comes before or after
+            assert text.endswith(".") and "{" not in text and text == text.lower()
 
 
 def test_acts_cover_their_clip(made: tuple[Clip, ...]) -> None:

@@ -43,7 +43,10 @@ def test_the_networks_begin_quietly() -> None:
     made, features = started(16)
     torch.manual_seed(0)
     plain = Tokenizer(made.config)
+    plain.mean.copy_(made.mean)
+    plain.std.copy_(made.std)
+    loud = plain.encoder.net(((features - plain.mean) / plain.std).transpose(1, 2))
     start_at_principal_components(plain, features)
     with torch.no_grad():
-        whole, linear = plain.latent(features), made.latent(features)
-    assert float((whole - linear).norm() / linear.norm()) < 0.1
+        added = plain.latent(features) - made.latent(features)
+    assert 0 < float(added.norm()) < 0.02 * float(loud.norm())
