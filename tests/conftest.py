@@ -20,10 +20,16 @@ def _deterministic() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Bakes of the tests go to a folder of their own, so that an old cache never hides a fault."""
+    """Bakes of the tests go to a folder of their own, so that an old cache never hides a fault.
+
+    The processes of one run share it: each has its folder beside those of the others.
+    """
     import os
 
-    os.environ["SCENECTL_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+    own = tmp_path_factory.getbasetemp()
+    cache = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
+    cache.mkdir(exist_ok=True)
+    os.environ["SCENECTL_CACHE"] = str(cache)
 
 
 @pytest.fixture(scope="session")
