@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import torch
 
+import tests.checks  # noqa: F401  # which --jaxtyping-packages names
+
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
 
