@@ -18,9 +18,7 @@ def test_every_kind_is_made_both_ways(tmp_path: Path) -> None:
     rows, summary = result["rows"], result["summary"]
     assert [(row["kind"], row["way"]) for row in rows] == [(k, w) for k in KINDS for w in ("natural", "goals alone")]
     assert summary["cases"] == len(KINDS)
-    rows = [
-        {**row, "lift_m": 0.01 * i, "missed_m": 0.002 * i} for i, row in enumerate(rows)
-    ]  # all alike so far
+    rows = [{**row, "lift_m": 0.01 * i, "missed_m": 0.002 * i} for i, row in enumerate(rows)]  # all alike so far
     summary = _summary(rows)
     for way in ("natural", "goals alone"):
         assert 0 <= summary[way]["named"] <= 1 and summary[way]["median_seconds"] > 0
