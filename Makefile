@@ -29,8 +29,8 @@ demo: install  ## a person walks through the living room; the picture is out/dem
 	@$(BIN)/scenectl run examples/tasks/walk_to_target.toml -o out/demo
 	@echo "Look at out/demo/preview.png, or turn it around: $(BIN)/scenectl view out/demo"
 
-test: install  ## run the tests
-	@$(BIN)/python -m pytest
+test: install  ## run the tests, on two cores if there are (CORES=8 for more; each takes 1.5 GB of memory)
+	@OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n logical --maxprocesses $(or $(CORES),2) --dist worksteal
 
 check-slow: install  ## open exported files in Blender, Godot and the Khronos validator (downloads bpy 4.5, 400 MB, and gltf-validator, once)
 	@test -x .venv-blender/bin/python || ! command -v python3.11 >/dev/null || { \

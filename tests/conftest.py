@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import torch
 
+import tests.checks  # noqa: F401  # which --jaxtyping-packages names
+
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
 
@@ -20,10 +22,16 @@ def _deterministic() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Bakes of the tests go to a folder of their own, so that an old cache never hides a fault."""
+    """Bakes of the tests go to a folder of their own, so that an old cache never hides a fault.
+
+    The processes of one run share it: each has its folder beside those of the others.
+    """
     import os
 
-    os.environ["SCENECTL_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+    own = tmp_path_factory.getbasetemp()
+    cache = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
+    cache.mkdir(exist_ok=True)
+    os.environ["SCENECTL_CACHE"] = str(cache)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ import torch
 
 from scenectl.bench.control.control import bench_control
 from scenectl.bench.control.facing import bench_facing
-from scenectl.bench.control.implausible import bench_implausible
 from scenectl.bench.control.keyframes import bench_keyframes
 from scenectl.bench.control.pose_goals import bench_pose_goals
 from scenectl.bench.control.rivals import METHODS, OF_TOKENS
@@ -62,10 +61,6 @@ def test_control_has_all_methods_but_those_of_tokens(data: Path) -> None:
     rows = bench_control(TinyGenerator(), data, 1, (), ("pelvis",), ("1",))["rows"]
     assert [row["method"] for row in rows] == ["uncontrolled", *(m for m in METHODS if m not in OF_TOKENS)]
     assert all(row["passes"] > 1 for row in rows[1:])
-
-
-def test_implausible_targets_are_judged(data: Path) -> None:
-    assert bench_implausible(TinyGenerator(), data, clips=1)["summary"]["cases"] == 5
 
 
 def test_an_evaluation_without_tokens_has_no_row_of_them(tmp_path: Path) -> None:
