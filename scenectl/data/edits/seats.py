@@ -39,6 +39,8 @@ UP, DOWN = 0.04, 0.09
 """Metres below its standing height within which a pelvis stands, and beyond which it may be on a seat."""
 QUIET = 0.2
 """m/s; a pelvis that moves faster is on its way to the seat or from it."""
+STILL = 0.4
+"""m/s up to which the fastest joint of someone moves who sits still, nine tenths of the time."""
 PLANTED = 0.08
 """Metres below which the ball of a foot is on the floor."""
 SHORTEST, LONG = 6, 20
@@ -89,7 +91,10 @@ def seated(clip: Clip, draw: random.Random) -> Clip | None:
     seat = _seat(height, draw)
     if name == "composed":
         return _in_acts(copy, onto, seat, draw)
-    return replace(copy, captions=_said(name, seat, _turns(joints), draw))
+    texts = _said(name, seat, _turns(joints), draw)
+    return replace(
+        copy, captions=texts if name != "sit" or _still(joints) else tuple(t for t in texts if "still" not in t)
+    )
 
 
 def _sittings(clip: Clip) -> list[_Sitting]:
@@ -203,6 +208,11 @@ def _hands(
     return joints
 
 
+def _still(joints: Float[Tensor, "T 22 3"]) -> bool:
+    """Whether someone who sits hardly moves."""
+    return float(smooth(joints, 1.0).diff(dim=0).norm(dim=-1).amax(1).quantile(0.9)) * FPS < STILL
+
+
 def _turns(joints: Float[Tensor, "T 22 3"]) -> bool:
     """Whether the body turns by more than 60 degrees."""
     _, forward = axes(joints)
@@ -221,7 +231,7 @@ def _said(name: str, seat: str, turns: bool, draw: random.Random) -> tuple[str, 
         "sit down": [
             f"a person {turn}sits down on {seat}.",
             f"someone {turn}takes a seat.",
-            f"a person {turn}lowers themself onto {seat}.",
+            f"a person {turn}lowers themselves onto {seat}.",
             f"the person {turn}sits down.",
             f"a person {turn}takes a seat on {seat}.",
         ],

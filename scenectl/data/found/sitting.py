@@ -27,7 +27,7 @@ HOLDS = (60, 200)
 
 DOWN = (
     "sits down", "sits down on a {seat}", "takes a seat", "lowers the body onto a {seat}", "is sitting down",
-    "bends the knees and sits down on a {seat}", "sits down on the {seat} behind them", "goes from standing to sitting",
+    "bends the knees and sits down on a {seat}", "goes from standing to sitting",
 )  # fmt: skip
 SEATED = (
     "sits", "sits on a {seat}", "is sitting", "is seated on a {seat}", "sits still", "remains seated", "sits and waits",

@@ -49,7 +49,7 @@ IDLE = (
     "just stands there", "stands around", "is waiting", "stands at ease", "remains standing without a step",
 )  # fmt: skip
 STANDS = (
-    "stands still", "stands", "stays where they are", "stands and waits", "remains standing", "stands relaxed",
+    "stands still", "stands", "is standing", "stands and waits", "remains standing", "stands quietly",
 )  # fmt: skip
 STOPS = ("stops and stands still", "stops", "comes to a stop", "comes to a halt and stands", "slows down and stops")
 STOPPING = ("{gait} and stops", "{gait}, then stops and stands still", "{gait} and comes to a halt",
@@ -192,7 +192,12 @@ def _turning(angle: float, side: str) -> Sequence[str]:
         ("180", "a hundred and eighty"),
     )
     number, words = about[min(range(4), key=lambda i: abs(int(about[i][0]) - angle))]
-    said_otherwise = {"45": "turns a little", "90": "makes a quarter turn", "135": "turns far", "180": "turns around"}
+    said_otherwise = {
+        "45": "turns a little",
+        "90": "makes a quarter turn",
+        "135": "turns more than a quarter turn",
+        "180": "turns around",
+    }
     plain = said_otherwise[number]
     return (
         f"turns to the {side} in place", f"turns {side} on the spot", f"turns about {words} degrees to the {side}",
