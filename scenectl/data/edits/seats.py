@@ -24,7 +24,7 @@ from scenectl.data.edits.limbs import (
 )
 from scenectl.data.edits.timing import eased, smooth
 from scenectl.data.features import FPS, canonicalise
-from scenectl.data.found.holding import held
+from scenectl.data.found.holding import held, lasting
 from scenectl.data.sentences import in_one
 from scenes.motion.skeleton import HUMANML3D
 
@@ -41,6 +41,8 @@ QUIET = 0.2
 """m/s; a pelvis that moves faster is on its way to the seat or from it."""
 STILL = 0.4
 """m/s up to which the fastest joint of someone moves who sits still, nine tenths of the time."""
+LASTING = 0.7
+"""Share of the sittings down and standings up whose seat is kept for 1 to 4 s longer, where it is kept at all."""
 PLANTED = 0.08
 """Metres below which the ball of a foot is on the floor."""
 SHORTEST, LONG = 6, 20
@@ -84,6 +86,9 @@ def seated(clip: Clip, draw: random.Random) -> Clip | None:
     joints, onto = joints[begin:end], onto[begin:end]
     if name == "sit":
         joints = held(joints, draw.randint(int(3 * FPS), int(8 * FPS)), draw, sway=0.0)
+    elif name != "composed" and draw.random() < LASTING:
+        on = sum(begin <= frame < end for frame in range(chosen.begin, chosen.end))
+        joints = lasting(joints, on, draw.randint(20, 80), draw, first=name == "stand up", sway=0.0)
     copy = edited(clip, name, "", joints)
     if copy is None:
         return None
@@ -140,14 +145,14 @@ def _standing(joints: Float[Tensor, "T 22 3"]) -> float:
 def _cut(sitting: _Sitting, name: str, draw: random.Random) -> tuple[int, int]:
     """Frames of the clip that show what the name says, with a little before and after."""
     stay = (sitting.end - sitting.begin) // 2
-    early, late = draw.randint(8, 40), draw.randint(8, 40)
+    early, late = draw.randint(8, 40), draw.randint(14, 40)
     begin, end = sitting.begin, sitting.end
     if name in ("sit down", "composed") and sitting.down is not None:
         begin = max(sitting.first, sitting.down - early)
         end = sitting.begin + max(6, min(late, stay)) if name == "sit down" else end
     if name in ("stand up", "composed") and sitting.up is not None:
-        end = min(sitting.last, sitting.up + late)
-        begin = sitting.end - max(6, min(early, stay)) if name == "stand up" else begin
+        end = min(sitting.last, sitting.up + early)
+        begin = sitting.end - max(6, min(late, stay)) if name == "stand up" else begin
     return begin, end
 
 

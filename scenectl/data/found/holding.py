@@ -62,6 +62,26 @@ SHORTEST_REST = 14
 """Frames of a rest at least; less cannot be gone back and forth through without a tremble."""
 
 
+def lasting(
+    joints: Float[Tensor, "T 22 3"],
+    rest: int,
+    more: int,
+    draw: random.Random,
+    *,
+    first: bool = False,
+    sway: float = 1.0,
+) -> Float[Tensor, "F 22 3"]:
+    """The motion with the rest of `rest` frames at its end (or `first`, at its beginning) held `more` frames longer.
+
+    As it is where the rest is too short. People are asked for a sitting down of four seconds, and take one.
+    """
+    if rest < SHORTEST_REST or not more:
+        return joints
+    moving = joints.flip(0) if first else joints
+    moving = held(moving, len(joints) + more, draw, lead=len(joints) - rest, sway=sway)
+    return moving.flip(0) if first else moving
+
+
 def _path(rest: int, frames: int, draw: random.Random) -> Float[np.ndarray, " F"]:
     """Places in the rest, one a frame, within 0 and ``rest - 1``: on at full speed, then back, on, back, slower."""
     turns = [0.0]
