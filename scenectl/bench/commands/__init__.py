@@ -10,7 +10,7 @@ BENCHES = (
     "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit",
     "query", "building", "posterior", "generator", "ablations", "gallery", "startup", "threads", "prices",
     "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "characters",
-    "plants", "robots",
+    "plants", "robots", "data",
 )  # fmt: skip
 
 app = typer.Typer(

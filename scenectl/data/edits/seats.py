@@ -145,7 +145,7 @@ def _standing(joints: Float[Tensor, "T 22 3"]) -> float:
 def _cut(sitting: _Sitting, name: str, draw: random.Random) -> tuple[int, int]:
     """Frames of the clip that show what the name says, with a little before and after."""
     stay = (sitting.end - sitting.begin) // 2
-    early, late = draw.randint(8, 40), draw.randint(14, 40)
+    early, late = draw.randint(8, 40), draw.randint(14, 90)
     begin, end = sitting.begin, sitting.end
     if name in ("sit down", "composed") and sitting.down is not None:
         begin = max(sitting.first, sitting.down - early)

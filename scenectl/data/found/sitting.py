@@ -9,7 +9,7 @@ import numpy as np
 
 from scenectl.data.corpus import Act, Clip
 from scenectl.data.features import FPS
-from scenectl.data.found.holding import SHORTEST_REST, held, lasting
+from scenectl.data.found.holding import SHORTEST_REST, held
 from scenectl.data.found.pieces import SHORTEST, drawn_for, piece, said, widened
 from scenectl.data.found.traits import Traits, runs
 from scenectl.data.sentences import in_one
@@ -23,7 +23,7 @@ _LOW = 1.0
 _STILL = 0.6
 """Fastest joint (m/s) of someone who sits still."""
 HOLDS, LONGER = (60, 200), (20, 70)
-"""Frames that sitting is held for, and longer after it began or before it ends."""
+"""Frames that sitting is held for; of it that are shown beyond `_SETTLED`, in a second piece where there are any."""
 
 DOWN = (
     "sits down", "sits down on a {seat}", "takes a seat", "lowers the body onto a {seat}", "is sitting down",
@@ -66,9 +66,9 @@ def _sitting(clip: Clip, traits: Traits, begin: int, end: int, between: tuple[in
     if first is not None:
         a, b = widened(max(0, first - _SETTLED), min(begin + _SETTLED, end), clip.frames)
         if b - a >= SHORTEST:
-            for i, more in enumerate((0, draw.randint(*LONGER))):
-                moving = lasting(clip.joints[a:b], b - begin, more, draw, sway=0.0)
-                yield piece(clip, moving, "sit down", begin + i, said(down, draw, 5))
+            yield piece(clip, clip.joints[a:b], "sit down", begin, said(down, draw, 5))
+            if (more := min(end - b, draw.randint(*LONGER))) >= LONGER[0]:
+                yield piece(clip, clip.joints[a : b + more], "sit down", begin + 1, said(down, draw, 5))
     for a, b in runs(traits.quickest[begin:end] < _STILL, SHORTEST_REST):
         for i in range(1 + (b - a) // 30):
             moving = held(clip.joints[begin + a : begin + b], draw.randint(*HOLDS), draw, sway=0.0)
@@ -76,9 +76,9 @@ def _sitting(clip: Clip, traits: Traits, begin: int, end: int, between: tuple[in
     if last is not None:
         a, b = widened(max(end - _SETTLED, begin), min(clip.frames, last + _SETTLED), clip.frames)
         if b - a >= SHORTEST:
-            for i, more in enumerate((0, draw.randint(*LONGER))):
-                moving = lasting(clip.joints[a:b], end - a, more, draw, first=True, sway=0.0)
-                yield piece(clip, moving, "stand up", end + i, said(up, draw, 5))
+            yield piece(clip, clip.joints[a:b], "stand up", end, said(up, draw, 5))
+            if (more := min(a - begin, draw.randint(*LONGER))) >= LONGER[0]:
+                yield piece(clip, clip.joints[a - more : b], "stand up", end + 1, said(up, draw, 5))
     if first is not None and last is not None and end - begin >= SHORTEST_REST:
         a, b = max(0, first - 6), min(clip.frames, last + 6)
         edges = (0, begin - a, end - a, b - a)
