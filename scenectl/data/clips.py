@@ -25,7 +25,7 @@ from scenectl.data.sentences import in_one
 from scenes.errors import UserError
 from scenes.files import atomic_write, sweep
 
-_FORMAT = 11
+_FORMAT = 12
 """Raised whenever prepared data must be made again."""
 
 _MOST = 2000
@@ -155,13 +155,27 @@ class ClipSet:
         return self.draw(length, max(1, batch * lengths[0] // length), generator).features
 
     def _weights(self, length: int) -> Float[Tensor, " C"]:
-        room = (self.lengths - length + 1).clamp_min(0).float()
-        if not bool((room > 0).any()):
-            raise UserError(f"no clip of the training data has {length} frames; shorten the windows in the config")
-        # Capped, or one long clip would outweigh all the short ones beside it.
-        room = torch.where(room > 0, room.clamp_max(100.0) + length, room)
-        size = torch.zeros(int(self._group.max()) + 1).index_add_(0, self._group, room)
-        return room / size[self._group].clamp_min(1e-9).sqrt()
+        return weights(self.lengths, self._group, length)
+
+
+def weights(lengths: Int[Tensor, " C"], group: Int[Tensor, " C"], length: int) -> Float[Tensor, " C"]:
+    """How often windows of `length` frames are drawn from each clip, relative to the others.
+
+    Args:
+        lengths: frames of the clips.
+        group: number of each clip's kind of motion.
+        length: of the windows; shorter clips are not drawn.
+
+    Raises:
+        UserError: all are shorter.
+    """
+    room = (lengths - length + 1).clamp_min(0).float()
+    if not bool((room > 0).any()):
+        raise UserError(f"no clip of the training data has {length} frames; shorten the windows in the config")
+    # Capped, or one long clip would outweigh all the short ones beside it.
+    room = torch.where(room > 0, room.clamp_max(100.0) + length, room)
+    size = torch.zeros(int(group.max()) + 1).index_add_(0, group, room)
+    return room / size[group].clamp_min(1e-9).sqrt()
 
 
 def prepare(

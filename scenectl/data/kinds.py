@@ -57,4 +57,9 @@ def _recorded_kind(source: str, label: str) -> str:
 
 def kind_of(clip: Clip) -> str:
     """Kind of a clip by its source and label."""
-    return (_recorded_kind if _RECORDED.fullmatch(clip.id) else kind)(clip.source, clip.label)
+    return (_recorded_kind if is_recorded(clip.id) else kind)(clip.source, clip.label)
+
+
+def is_recorded(name: str) -> bool:
+    """Whether a clip of this id is a recording, or a copy that shows the same: not found, edited or composed."""
+    return _RECORDED.fullmatch(name) is not None

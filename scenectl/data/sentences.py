@@ -18,6 +18,15 @@ _MORE = re.compile(r" and | then |[,;]| (is|are) |\b(starts|stops|begins|keeps|c
 """What shows that there is a second verb."""
 _DOUBLED = re.compile(r"[^aeiou]*(qu)?[aeiou][^aeiouwxy]")
 """Verbs of one short syllable, whose last letter is doubled: sit, run, stop, squat."""
+_NOUN = r"(?:something|an? (?!seat\b|step\b)\w+(?: (?!(?:up|down|low|with|in|on|onto|from|off|to|and|behind)\b)\w+)*)"
+_HANDLED = re.compile(rf"\b(?:carr|hold|pick|tak|put|lift|set|plac|lay)\w*(?: up| down)? (?P<thing>{_NOUN})")
+_SEATED = re.compile(
+    rf"\b(?:sits|sitting|seated|rests|rises|stands up|gets up) (?:\w+ly )?(?:on|from) (?P<thing>{_NOUN})"
+)
+_SITS_DOWN = re.compile(rf"\b(?:sits down|takes a seat|lowers (?:themselves|the body))\b(?: onto? (?P<thing>{_NOUN}))?")
+_RISES = re.compile(r"(?:rises|stands up|gets up)\b")
+_SITS = re.compile(r"(?:sits|is sitting|is seated)(?: on [\w ]+)?")
+_GOES = re.compile(r"(?:\w+ly )?(?:walk|run|jog|sneak|stride|march)s")
 
 
 def in_one(captions: Sequence[Sequence[str]], most: int = 6) -> tuple[str, ...]:
@@ -30,22 +39,57 @@ def in_one(captions: Sequence[Sequence[str]], most: int = 6) -> tuple[str, ...]:
         most: how many are made, each of other sentences and joined in another way; equal ones count once.
     """
     draw = random.Random("|".join(text for texts in captions for text in texts))
-    return tuple(dict.fromkeys(_joined([draw.choice(list(texts)) for texts in captions], draw) for _ in range(most)))
+    again = [texts in captions[:i] for i, texts in enumerate(captions)]
+    some = ([draw.choice(list(texts)) for texts in captions] for _ in range(most))
+    return tuple(dict.fromkeys(_joined(texts, again, draw) for texts in some))
 
 
-def _joined(texts: Sequence[str], draw: random.Random) -> str:
+def _joined(texts: Sequence[str], again: Sequence[bool], draw: random.Random) -> str:
     first, *rest = (text.strip().rstrip(".") for text in texts)
     subject = SUBJECT.match(first)
-    things = [SUBJECT.sub("", text) for text in (first, *rest)]
+    plain = [SUBJECT.sub("", text) for text in (first, *rest)]
+    things = _in_context(plain, again)
     begun, ended = doing(things[0]), doing(things[-1])
     said = ""
     if rest and subject and draw.random() < _TURNED:
         who = subject[0]
         ways = [f"after {begun}, {who}{_listed(things[1:], draw)}"] if begun else []
-        ways += [f"{who}{things[1]} after {begun}"] if begun and len(things) == 2 and doing(things[1]) else []
+        turned = begun and len(things) == 2 and doing(things[1]) and things == plain  # nothing is "it" before its name
+        ways += [f"{who}{things[1]} after {begun}"] if turned else []
         ways += [f"{who}{_listed(things[:-1], draw)} before {ended}"] if ended else []
         said = draw.choice(ways) if ways else ""
     return f"{said or _listed([first, *things[1:]], draw)}."
+
+
+def _in_context(things: Sequence[str], again: Sequence[bool]) -> list[str]:
+    """What is said of somebody one after the other: things named before are "it", who walked before walks on.
+
+    Args:
+        things: sentences without their subjects.
+        again: which of them say what one before has said.
+    """
+    said: list[str] = []
+    held, sitting, seat = "", False, False  # a seat that has a name
+    for text, repeated in zip(things, again, strict=True):
+        if repeated and (goes := _GOES.match(text)):
+            text = f"{goes[0]} on"
+        if sitting and _SITS.fullmatch(text):
+            text = "stays seated"
+        if found := _HANDLED.search(text):
+            text = _it(text, found) if found["thing"] == held else text
+            held = found["thing"]
+        on = _SEATED.search(text)
+        if down := _SITS_DOWN.search(text):
+            sitting, seat = True, down["thing"] is not None
+        elif on:
+            text = _it(text, on) if seat else text
+            sitting, seat = not _RISES.match(text), not _RISES.match(text)
+        said.append(text)
+    return said
+
+
+def _it(text: str, found: re.Match[str]) -> str:
+    return f"{text[: found.start('thing')]}it{text[found.end('thing') :]}"
 
 
 def _listed(texts: Sequence[str], draw: random.Random) -> str:
@@ -55,6 +99,12 @@ def _listed(texts: Sequence[str], draw: random.Random) -> str:
         joint = ", " if i < len(texts) and draw.random() < 0.5 else draw.choice((*JOINTS, " and ") if plain else JOINTS)
         said += joint + text
     return said
+
+
+def also(text: str, how: str) -> str:
+    """A sentence, or a title without a subject, and something else that is done meanwhile ("waves")."""
+    text = text.strip().rstrip(".")
+    return f"{text} and {how}." if SUBJECT.match(text) else f"{text}, {doing(how) or how}."
 
 
 def doing(text: str) -> str | None:

@@ -10,6 +10,7 @@ BENCHES = (
     "rooms", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake", "edit",
     "query", "building", "posterior", "generator", "sentences", "idle", "ablations", "gallery", "startup", "threads",
     "prices", "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "characters", "plants", "robots",
+    "data",
 )  # fmt: skip
 
 app = typer.Typer(

@@ -15,20 +15,15 @@ from scenectl.console.options import GENERATOR, Generator, Seed, Threads, Weight
 def gallery(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the page and its pictures.")],
     samples: Annotated[int, typer.Option(min=1, help="Motions of each prompt.")] = 3,
-    data: Annotated[
-        Path | None, typer.Option("--data", help="Motion collection: also draw what pose edits make of a walk.")
-    ] = None,
     seed: Seed = 0,
     weights: Weights = "default",
     generator: Generator = GENERATOR,
     threads: Threads = None,
 ) -> None:
     """A page of prompts with three samples each, good and bad: nothing is picked."""
-    from scenectl.bench.models.gallery import draw_edits, draw_gallery
+    from scenectl.bench.models.gallery import draw_gallery
     from scenectl.threads import threads as on_threads
 
     with on_threads(threads), bars() as tell:
         page = draw_gallery(loaded(generator, weights), output, samples, seed, engine_of(tell))
-    if data is not None:
-        draw_edits(data, output / "edits.png", seed)
     wrote(page)

@@ -1,20 +1,16 @@
-"""A page of what a generator makes of some prompts, three samples each, and of what pose edits make of a walk."""
+"""A page of what a generator makes of some prompts, three samples each."""
 
 from __future__ import annotations
 
-import random
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
 from scenectl.bench.engine import ENGINE, Engine, Row
-from scenectl.data.corpus import load_motions
-from scenectl.data.edits.walks import crouched, ducking, reaching, sidestepping
 from scenectl.generators.base import Generator
 from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.measures.metrics import max_acceleration, skating_ratio, travelled
 from scenectl.view.strips import draw_strips
-from scenes.errors import UserError
 from scenes.files import atomic_write
 from scenes.motion.motion import Motion, Pose2D
 
@@ -119,20 +115,3 @@ def _page(rows: Sequence[Row], samples: int, seed: int) -> list[str]:
         lines += [f"## {number}. {prompt}", "", f"![{prompt}]({some[0]['picture']})", ""]
         lines += ["| sample | path | skating | max. acceleration (m/frame²) |", "|---|---|---|---|", *table, ""]
     return lines
-
-
-def draw_edits(data: Path, png: Path, seed: int) -> None:
-    """One recorded walk above its crouched, ducking, side-stepping and reaching copies.
-
-    Raises:
-        UserError: the folder holds no walk that all four edits suit.
-    """
-    for clip in load_motions(data, ["train"]):
-        if clip.label != "walk" or clip.frames < 80:
-            continue
-        draw = random.Random(seed)
-        copies = [edit(clip, draw) for edit in (crouched, ducking, sidestepping, reaching)]
-        found = [copy for copy in copies if copy is not None]
-        if len(found) == len(copies):
-            return draw_strips([(c.captions[0], c.joints.numpy()) for c in (clip, *found)], png)
-    raise UserError(f"motion folder '{data}' holds no straight walk of four seconds to edit; name another folder")

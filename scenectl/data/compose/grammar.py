@@ -49,9 +49,9 @@ MADE = {
         ActKind("put down", LADEN, STANDING, first="carry"),
         ActKind("lean"),
         ActKind("crouch", steady=True),
-        ActKind("duck"),
+        ActKind("duck", first="walk", last="walk"),
         ActKind("sidestep", steady=True),
-        ActKind("reach"),
+        ActKind("reach", first="walk", last="walk"),
     )
 }
 """Of found and edited clips, by how their labels end."""

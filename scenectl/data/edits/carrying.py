@@ -58,7 +58,9 @@ def carried(joints: Joints, hold: Hold, draw: random.Random) -> Joints:
 def carry_captions(hold: Hold, thing: str, draw: random.Random, moves: bool) -> tuple[str, ...]:
     """Sentences that say it."""
     how = said(hold, draw)
-    verbs = ["walks carrying", "carries", "walks while carrying"] if moves else ["stands holding", "holds", "carries"]
+    verbs = (
+        ["walks while carrying", "carries", "walks along carrying"] if moves else ["holds", "keeps holding", "carries"]
+    )
     texts = [f"{draw.choice(SUBJECTS)} {verb} {thing} {how}." for verb in verbs]
     return (*texts, f"{draw.choice(SUBJECTS)} {draw.choice(verbs)} {thing}.")
 
@@ -71,6 +73,4 @@ def said(hold: Hold, draw: random.Random) -> str:
     side = hold.sides[0]
     if hold.where == "shoulder":
         return draw.choice([f"on the {side} shoulder", f"on the shoulder with the {side} hand"])
-    return draw.choice(
-        [f"in the {side} hand", f"with the {side} hand", f"with one hand, the {side}"][: 2 + (hold.where == "belly")]
-    )
+    return draw.choice([f"in the {side} hand", f"with the {side} hand", "in one hand"][: 2 + (hold.where == "belly")])

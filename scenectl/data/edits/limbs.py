@@ -10,6 +10,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
@@ -17,7 +18,7 @@ from torch import Tensor
 
 from scenectl.data.corpus import Act, Clip
 from scenectl.data.features import FPS, to_uniform_skeleton
-from scenes.motion.headings import across
+from scenes.motion.headings import across, heading
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D
 
@@ -33,6 +34,10 @@ _UP, _SHORT = 0.1, 8
 """Share of an edit from which on it shows, and frames beside it that are too few to tell of."""
 
 
+_TURN, _WALKS = 0.7, ("a person walks.", "someone walks forward.")
+"""Radians from which on a walk turns, and what is said of a part of it that does not."""
+
+
 def edited(clip: Clip, name: str, how: str, joints: Float[Tensor, "T 22 3"]) -> Clip | None:
     """The clip with new joints, or None where the edit broke a bone or went through the floor."""
     wrong = float((to_uniform_skeleton(joints) - joints).abs().max())
@@ -44,12 +49,20 @@ def edited(clip: Clip, name: str, how: str, joints: Float[Tensor, "T 22 3"]) -> 
     )
 
 
-def in_turn(captions: tuple[str, ...], doing: Sequence[str], envelope: Float[Tensor, " T"]) -> tuple[Act, ...]:
-    """Acts of a clip with an edit in it: what it shows anyway, what is done while the envelope is up, and the rest."""
+def in_turn(clip: Clip, doing: Sequence[str], envelope: Float[Tensor, " T"]) -> tuple[Act, ...]:
+    """Acts of a walk with an edit in it: what it shows anyway, what is done while the envelope is up, and the rest."""
+    turned = np.unwrap(heading(Motion(clip.joints)).double().cpu().numpy())
+
+    def way(first: int, last: int) -> tuple[str, ...]:
+        # Of a walk that turns, the part that does not is a walk.
+        whole, part = abs(turned[-1] - turned[0]), abs(turned[last - 1] - turned[first]) if first < last else 0.0
+        return _WALKS if whole > _TURN and part < 0.5 * whole else clip.captions
+
     up = torch.nonzero(envelope > _UP).flatten()
     begin, end = int(up[0]), int(up[-1]) + 1
     begin, end = begin if begin >= _SHORT else 0, end if len(envelope) - end >= _SHORT else len(envelope)
-    parts = (Act(0, begin, captions), Act(begin, end, tuple(doing)), Act(end, len(envelope), captions))
+    frames = len(envelope)
+    parts = (Act(0, begin, way(0, begin)), Act(begin, end, tuple(doing)), Act(end, frames, way(end, frames)))
     return tuple(act for act in parts if act.begin < act.end)
 
 

@@ -103,7 +103,7 @@ def fetching(clip: Clip, draw: random.Random) -> Clip | None:
         Act(end, begin, carry_captions(first.hold, first.thing, draw, True)),
         Act(begin, len(stop.joints), captions("put down", second, draw)),
     )
-    return _told(clip, "composed", joints, acts, first.thing) if joints is not None else None
+    return _told(clip, "composed", joints, acts) if joints is not None else None
 
 
 def any_grasp(draw: random.Random) -> Grasp:
@@ -143,21 +143,14 @@ def _with_stop(clip: Clip, draw: random.Random, grasp: Grasp, name: str) -> Clip
     with_it, without = carry_captions(grasp.hold, grasp.thing, draw, True), ("a person walks.", "someone walks.")
     before, after = (without, with_it) if name == "pick up" else (with_it, without)
     acts = [Act(0, begin, before), Act(begin, end, captions(name, grasp, draw)), Act(end, frames, after)]
-    return _told(clip, name, joints, [act for act in acts if act.end > act.begin], grasp.thing)
+    return _told(clip, name, joints, [act for act in acts if act.end > act.begin])
 
 
-def _told(clip: Clip, name: str, joints: Joints, acts: Sequence[Act], thing: str) -> Clip | None:
+def _told(clip: Clip, name: str, joints: Joints, acts: Sequence[Act]) -> Clip | None:
     copy = edited(clip, name.replace(" ", "-"), "", joints)
     texts = in_one([act.captions for act in acts]) if len(acts) > 1 else acts[0].captions
-    # What has been named is "it" from then on, in every other sentence.
-    texts = tuple(_it(text, thing) if i % 2 else text for i, text in enumerate(texts))
     label = f"{clip.label}, {name if len(acts) < 3 else 'composed'}"
     return copy and replace(copy, captions=texts, label=label, acts=tuple(acts) if len(acts) > 1 else ())
-
-
-def _it(text: str, thing: str) -> str:
-    first, named, rest = text.partition(thing)
-    return first + named + rest.replace(thing, "it")
 
 
 def handled(joints: Joints, grasps: Sequence[tuple[str, Grasp, Track]], swing: float) -> Joints | None:

@@ -24,7 +24,7 @@ from scenectl.data.edits.limbs import (
 )
 from scenectl.data.edits.timing import eased, smooth
 from scenectl.data.features import FPS, canonicalise
-from scenectl.data.found.holding import held
+from scenectl.data.found.holding import held, lasting
 from scenectl.data.sentences import in_one
 from scenes.motion.skeleton import HUMANML3D
 
@@ -39,6 +39,10 @@ UP, DOWN = 0.04, 0.09
 """Metres below its standing height within which a pelvis stands, and beyond which it may be on a seat."""
 QUIET = 0.2
 """m/s; a pelvis that moves faster is on its way to the seat or from it."""
+STILL = 0.4
+"""m/s up to which the fastest joint of someone moves who sits still, nine tenths of the time."""
+LASTING = 0.7
+"""Share of the sittings down and standings up whose seat is kept for 1 to 4 s longer, where it is kept at all."""
 PLANTED = 0.08
 """Metres below which the ball of a foot is on the floor."""
 SHORTEST, LONG = 6, 20
@@ -82,6 +86,9 @@ def seated(clip: Clip, draw: random.Random) -> Clip | None:
     joints, onto = joints[begin:end], onto[begin:end]
     if name == "sit":
         joints = held(joints, draw.randint(int(3 * FPS), int(8 * FPS)), draw, sway=0.0)
+    elif name != "composed" and draw.random() < LASTING:
+        on = sum(begin <= frame < end for frame in range(chosen.begin, chosen.end))
+        joints = lasting(joints, on, draw.randint(20, 80), draw, first=name == "stand up", sway=0.0)
     copy = edited(clip, name, "", joints)
     if copy is None:
         return None
@@ -89,7 +96,10 @@ def seated(clip: Clip, draw: random.Random) -> Clip | None:
     seat = _seat(height, draw)
     if name == "composed":
         return _in_acts(copy, onto, seat, draw)
-    return replace(copy, captions=_said(name, seat, _turns(joints), draw))
+    texts = _said(name, seat, _turns(joints), draw)
+    return replace(
+        copy, captions=texts if name != "sit" or _still(joints) else tuple(t for t in texts if "still" not in t)
+    )
 
 
 def _sittings(clip: Clip) -> list[_Sitting]:
@@ -135,14 +145,14 @@ def _standing(joints: Float[Tensor, "T 22 3"]) -> float:
 def _cut(sitting: _Sitting, name: str, draw: random.Random) -> tuple[int, int]:
     """Frames of the clip that show what the name says, with a little before and after."""
     stay = (sitting.end - sitting.begin) // 2
-    early, late = draw.randint(8, 40), draw.randint(8, 40)
+    early, late = draw.randint(8, 40), draw.randint(14, 90)
     begin, end = sitting.begin, sitting.end
     if name in ("sit down", "composed") and sitting.down is not None:
         begin = max(sitting.first, sitting.down - early)
         end = sitting.begin + max(6, min(late, stay)) if name == "sit down" else end
     if name in ("stand up", "composed") and sitting.up is not None:
-        end = min(sitting.last, sitting.up + late)
-        begin = sitting.end - max(6, min(early, stay)) if name == "stand up" else begin
+        end = min(sitting.last, sitting.up + early)
+        begin = sitting.end - max(6, min(late, stay)) if name == "stand up" else begin
     return begin, end
 
 
@@ -203,6 +213,11 @@ def _hands(
     return joints
 
 
+def _still(joints: Float[Tensor, "T 22 3"]) -> bool:
+    """Whether someone who sits hardly moves."""
+    return float(smooth(joints, 1.0).diff(dim=0).norm(dim=-1).amax(1).quantile(0.9)) * FPS < STILL
+
+
 def _turns(joints: Float[Tensor, "T 22 3"]) -> bool:
     """Whether the body turns by more than 60 degrees."""
     _, forward = axes(joints)
@@ -221,7 +236,7 @@ def _said(name: str, seat: str, turns: bool, draw: random.Random) -> tuple[str, 
         "sit down": [
             f"a person {turn}sits down on {seat}.",
             f"someone {turn}takes a seat.",
-            f"a person {turn}lowers themself onto {seat}.",
+            f"a person {turn}lowers themselves onto {seat}.",
             f"the person {turn}sits down.",
             f"a person {turn}takes a seat on {seat}.",
         ],

@@ -14,6 +14,7 @@ from scenectl.data.edits.handling import Place, arm_length, bowed, led, standing
 from scenectl.data.edits.limbs import ARMS, SIDES, axes, bump, chest, edited, in_turn, lowered, with_legs
 from scenectl.data.edits.timing import smooth
 from scenectl.data.features import canonicalise
+from scenectl.data.sentences import also
 
 SIDE_STEP = (0.2, 0.5)
 """Metres from one place of a foot to its next in side-steps."""
@@ -36,11 +37,11 @@ def ducking(clip: Clip, draw: random.Random) -> Clip | None:
     if envelope is None:
         return None
     hows = ["ducks under something", "ducks down on the way", "ducks under a bar"]
-    copy = edited(
-        clip, "duck", f"and {draw.choice(hows)}", lowered(clip.joints, depth * envelope, 2.0 * depth * envelope)
-    )
+    how = draw.choice(hows)
+    copy = edited(clip, "duck", "", lowered(clip.joints, depth * envelope, 2.0 * depth * envelope))
     doing = [f"{who} {how}." for who, how in zip(("a person", "someone", "the person"), hows, strict=True)]
-    return copy and replace(copy, acts=in_turn(clip.captions, doing, envelope))
+    texts = tuple(also(text, how) for text in clip.captions)
+    return copy and replace(copy, captions=texts, acts=in_turn(clip, doing, envelope))
 
 
 def sidestepping(clip: Clip, draw: random.Random) -> Clip | None:
@@ -108,11 +109,14 @@ def reaching(clip: Clip, draw: random.Random) -> Clip | None:
     copy = edited(clip, "reach", "", led(body, side, [(Place(goal, elbow), envelope)]))
     if where == "to the":
         where = f"to the {side}"
-    hows = [f"reaches {where} with the {side} hand", f"stretches the {side} arm out {where}"]
+    stretched = f"out {where}" if where.startswith("to the") else where
+    hows = [f"reaches {where} with the {side} hand", f"stretches the {side} arm {stretched}"]
     hows.append(f"reaches {where} to {draw.choice(['grab', 'touch', 'take', 'get'])} something with the {side} hand")
-    starts = [f"{text.rstrip('.')} and" for text in clip.captions] if moves else ["a person", "someone"]
-    texts = tuple(f"{start} {how}." for start in starts for how in draw.sample(hows, 2))
+    if moves:
+        texts = tuple(also(text, how) for text in clip.captions for how in draw.sample(hows, 2))
+    else:
+        texts = tuple(f"{who} {how}." for who in ("a person", "someone") for how in draw.sample(hows, 2))
     label = f"{clip.label}, {'reach' if moves else 'reach standing'}"
     doing = [f"{who} {how}." for who, how in zip(("a person", "someone", "the person"), hows, strict=True)]
-    acts = in_turn(clip.captions, doing, envelope) if moves else ()
+    acts = in_turn(clip, doing, envelope) if moves else ()
     return copy and replace(copy, captions=texts, label=label, acts=acts)

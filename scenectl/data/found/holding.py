@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from scenectl.data.edits.limbs import axes, pitched, with_legs
-from scenectl.data.features import to_uniform_skeleton
+from scenectl.data.features import FPS, to_uniform_skeleton
 from scenectl.data.found.traits import ANKLES
 
 SWAY, NOD = 0.007, 0.6
@@ -58,8 +58,32 @@ def held(
     return to_uniform_skeleton(with_legs(out, body, still * share[:, None, None]))  # legs at full stretch gain a few mm
 
 
+CALM = 0.6
+"""Fastest joint (m/s) of a rest; someone whose trunk still comes up from a lean would rock."""
 SHORTEST_REST = 14
 """Frames of a rest at least; less cannot be gone back and forth through without a tremble."""
+
+
+def lasting(
+    joints: Float[Tensor, "T 22 3"],
+    rest: int,
+    more: int,
+    draw: random.Random,
+    *,
+    first: bool = False,
+    sway: float = 1.0,
+) -> Float[Tensor, "F 22 3"]:
+    """The motion with the rest of `rest` frames at its end (or `first`, at its beginning) held `more` frames longer.
+
+    What is still on its way to the rest is no part of it; a motion whose rest is too short is returned as it is.
+    """
+    moving = joints.flip(0) if first else joints
+    hasty = (moving.diff(dim=0).norm(dim=-1).amax(1) * FPS > CALM).nonzero().flatten().tolist()
+    rest = min(rest, len(joints) - 1 - (hasty[-1] if hasty else -1))
+    if rest < SHORTEST_REST or not more:
+        return joints
+    moving = held(moving, len(joints) + more, draw, lead=len(joints) - rest, sway=sway)
+    return moving.flip(0) if first else moving
 
 
 def _path(rest: int, frames: int, draw: random.Random) -> Float[np.ndarray, " F"]:

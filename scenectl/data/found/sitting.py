@@ -22,12 +22,12 @@ _LOW = 1.0
 """Pelvis of someone who sits (m); higher is a climb onto something."""
 _STILL = 0.6
 """Fastest joint (m/s) of someone who sits still."""
-HOLDS = (60, 200)
-"""Frames that sitting is held for."""
+HOLDS, LONGER = (60, 200), (20, 70)
+"""Frames that sitting is held for; of it that are shown beyond `_SETTLED`, in a second piece where there are any."""
 
 DOWN = (
     "sits down", "sits down on a {seat}", "takes a seat", "lowers the body onto a {seat}", "is sitting down",
-    "bends the knees and sits down on a {seat}", "sits down on the {seat} behind them", "goes from standing to sitting",
+    "bends the knees and sits down on a {seat}", "goes from standing to sitting",
 )  # fmt: skip
 SEATED = (
     "sits", "sits on a {seat}", "is sitting", "is seated on a {seat}", "sits still", "remains seated", "sits and waits",
@@ -67,6 +67,8 @@ def _sitting(clip: Clip, traits: Traits, begin: int, end: int, between: tuple[in
         a, b = widened(max(0, first - _SETTLED), min(begin + _SETTLED, end), clip.frames)
         if b - a >= SHORTEST:
             yield piece(clip, clip.joints[a:b], "sit down", begin, said(down, draw, 5))
+            if (more := min(end - b, draw.randint(*LONGER))) >= LONGER[0]:
+                yield piece(clip, clip.joints[a : b + more], "sit down", begin + 1, said(down, draw, 5))
     for a, b in runs(traits.quickest[begin:end] < _STILL, SHORTEST_REST):
         for i in range(1 + (b - a) // 30):
             moving = held(clip.joints[begin + a : begin + b], draw.randint(*HOLDS), draw, sway=0.0)
@@ -75,6 +77,8 @@ def _sitting(clip: Clip, traits: Traits, begin: int, end: int, between: tuple[in
         a, b = widened(max(end - _SETTLED, begin), min(clip.frames, last + _SETTLED), clip.frames)
         if b - a >= SHORTEST:
             yield piece(clip, clip.joints[a:b], "stand up", end, said(up, draw, 5))
+            if (more := min(a - begin, draw.randint(*LONGER))) >= LONGER[0]:
+                yield piece(clip, clip.joints[a - more : b], "stand up", end + 1, said(up, draw, 5))
     if first is not None and last is not None and end - begin >= SHORTEST_REST:
         a, b = max(0, first - 6), min(clip.frames, last + 6)
         edges = (0, begin - a, end - a, b - a)

@@ -13,7 +13,7 @@ from torch import Tensor
 from scenectl.data.corpus import Act, Clip
 from scenectl.data.edits.limbs import LEGS, with_legs
 from scenectl.data.features import FPS
-from scenectl.data.found.holding import SHORTEST_REST, held
+from scenectl.data.found.holding import SHORTEST_REST, held, lasting
 from scenectl.data.found.pieces import SHORTEST, drawn_for, piece, said, widened
 from scenectl.data.found.traits import ANKLES, FEET, HIPS, WRISTS, Traits, bends, runs, wander
 from scenectl.data.kinds import kind_of
@@ -49,7 +49,7 @@ IDLE = (
     "just stands there", "stands around", "is waiting", "stands at ease", "remains standing without a step",
 )  # fmt: skip
 STANDS = (
-    "stands still", "stands", "stays where they are", "stands and waits", "remains standing", "stands relaxed",
+    "stands still", "stands", "is standing", "stands and waits", "remains standing", "stands quietly",
 )  # fmt: skip
 STOPS = ("stops and stands still", "stops", "comes to a stop", "comes to a halt and stands", "slows down and stops")
 STOPPING = ("{gait} and stops", "{gait}, then stops and stands still", "{gait} and comes to a halt",
@@ -182,6 +182,25 @@ def turns_in_place(clip: Clip) -> Iterator[Clip]:
                 draw = drawn_for(clip, "turn in place", begin)
                 captions = said(_turning(angle, side), draw, 5)
                 yield piece(clip, clip.joints[first:last], "turn in place", begin, captions)
+                yield from _turn_between_rests(clip, traits, (begin, end), captions, draw)
+
+
+def _turn_between_rests(
+    clip: Clip, traits: Traits, turn: tuple[int, int], captions: Sequence[str], draw: random.Random
+) -> Iterator[Clip]:
+    """The turn with the standing before it and after it, one of them held for longer, where there is any."""
+    begin, end = turn
+    still = (traits.feet < 0.3) & (traits.speed < 0.2) & (traits.arms < LOWERED)
+    before = next((run for run in runs(still, SHORTEST_REST) if 0 <= begin - run[1] < 12), None)
+    after = next((run for run in runs(still, SHORTEST_REST) if 0 <= run[0] - end < 12), None)
+    if before is not None:
+        first, last = max(before[0], before[1] - 40), min(clip.frames, end + 5)
+        moving = lasting(clip.joints[first:last], before[1] - first, draw.randint(20, 60), draw, first=True)
+        yield piece(clip, moving, "turn in place", begin + 1, captions)
+    if after is not None:
+        first, last = max(0, begin - 5), min(after[1], after[0] + 40)
+        moving = lasting(clip.joints[first:last], last - after[0], draw.randint(20, 60), draw)
+        yield piece(clip, moving, "turn in place", begin + 2, captions)
 
 
 def _turning(angle: float, side: str) -> Sequence[str]:
@@ -192,7 +211,12 @@ def _turning(angle: float, side: str) -> Sequence[str]:
         ("180", "a hundred and eighty"),
     )
     number, words = about[min(range(4), key=lambda i: abs(int(about[i][0]) - angle))]
-    said_otherwise = {"45": "turns a little", "90": "makes a quarter turn", "135": "turns far", "180": "turns around"}
+    said_otherwise = {
+        "45": "turns a little",
+        "90": "makes a quarter turn",
+        "135": "turns more than a quarter turn",
+        "180": "turns around",
+    }
     plain = said_otherwise[number]
     return (
         f"turns to the {side} in place", f"turns {side} on the spot", f"turns about {words} degrees to the {side}",
