@@ -20,13 +20,17 @@ from torch import Tensor
 from scenectl.data.augment import Augmentation, augmented
 from scenectl.data.corpus import COLLECTION, CREDITS, Clip, load_motions, terms_of
 from scenectl.data.features import FEATURES, FPS, GROUPS, joints_to_features
-from scenectl.data.kinds import kind_of
+from scenectl.data.kinds import COMPOSED, kind_of
 from scenectl.data.sentences import in_one
 from scenes.errors import UserError
 from scenes.files import atomic_write, sweep
 
 _FORMAT = 12
 """Raised whenever prepared data must be made again."""
+
+SEQUENCES = 3.0
+"""Sequences of acts are drawn so many times as often as their size says: nothing is harder to learn than several things
+in one sentence, and every one of them shows several kinds."""
 
 _MOST = 2000
 """Clips that a measure looks at, at most: more change no figure that a card prints."""
@@ -101,11 +105,6 @@ class ClipSet:
         """Rows of each clip."""
         return self.starts.diff()
 
-    @cached_property
-    def _group(self) -> Int[Tensor, " C"]:
-        names = {name: i for i, name in enumerate(sorted(set(self.groups)))}
-        return torch.tensor([names[group] for group in self.groups])
-
     def on(self, device: torch.device) -> ClipSet:
         """The same with the features on another device, where windows are then cut; the rest stays on the CPU."""
         return replace(self, features=self.features.to(device))
@@ -155,15 +154,15 @@ class ClipSet:
         return self.draw(length, max(1, batch * lengths[0] // length), generator).features
 
     def _weights(self, length: int) -> Float[Tensor, " C"]:
-        return weights(self.lengths, self._group, length)
+        return weights(self.lengths, self.groups, length)
 
 
-def weights(lengths: Int[Tensor, " C"], group: Int[Tensor, " C"], length: int) -> Float[Tensor, " C"]:
+def weights(lengths: Int[Tensor, " C"], groups: Sequence[str], length: int) -> Float[Tensor, " C"]:
     """How often windows of `length` frames are drawn from each clip, relative to the others.
 
     Args:
         lengths: frames of the clips.
-        group: number of each clip's kind of motion.
+        groups: each clip's kind of motion.
         length: of the windows; shorter clips are not drawn.
 
     Raises:
@@ -174,8 +173,11 @@ def weights(lengths: Int[Tensor, " C"], group: Int[Tensor, " C"], length: int) -
         raise UserError(f"no clip of the training data has {length} frames; shorten the windows in the config")
     # Capped, or one long clip would outweigh all the short ones beside it.
     room = torch.where(room > 0, room.clamp_max(100.0) + length, room)
-    size = torch.zeros(int(group.max()) + 1).index_add_(0, group, room)
-    return room / size[group].clamp_min(1e-9).sqrt()
+    names = {name: i for i, name in enumerate(sorted(set(groups)))}
+    group = torch.tensor([names[name] for name in groups])
+    size = torch.zeros(len(names)).index_add_(0, group, room)
+    often = torch.tensor([SEQUENCES if name == COMPOSED else 1.0 for name in names])
+    return room / size[group].clamp_min(1e-9).sqrt() * often[group]
 
 
 def prepare(

@@ -31,9 +31,11 @@ _GROUPS = {
 """Kinds of clips other than Bandai's, by what their labels say; the first that matches counts."""
 
 
+COMPOSED = "composed"
+"""Kind of clips that show several acts, put together of others."""
 _OWN = (
     "idle", "start", "stop", "turn in place", "sit down", "sit", "stand up", "climb", "pick up", "put down", "carry",
-    "lean", "crouch", "duck", "sidestep", "composed",
+    "lean", "crouch", "duck", "sidestep", COMPOSED,
 )  # fmt: skip
 EDITS = {name: name for name in _OWN} | {"reach": "reach while walking", "reach standing": "reach"}
 """What ends the labels of clips that are found in, edited from or composed of recorded ones, and the kinds that these

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from scenectl.data.augment import Augmentation
 from scenectl.data.clips import ClipSet, Told, prepare
+from scenectl.data.kinds import COMPOSED
 from scenectl.data.sources import is_humanml3d
 from scenes.errors import UserError
 
@@ -18,8 +19,6 @@ COPIES = Augmentation(bend=0)
 PIECES = Augmentation(bend=0, mirror=False, repeat=0, composed=0.2)
 HELD_OUT = ("test", "held out")
 """Splits that no classifier and no generator learns from."""
-COMPOSED = "composed"
-"""Kind of clips that show several acts, put together of others; all other clips show what their kind says."""
 _FOUND = re.compile(r"[^+]*~[a-z-]+\d+")
 """Ids of pieces that were found in recordings, which end in what they show and their first frame; an edit has none, and
 a "+" stands between what is put together."""

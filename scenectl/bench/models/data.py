@@ -69,12 +69,12 @@ def bench_data(
 def _shares(clips: Sequence[Clip], kinds: Sequence[str], seconds: int) -> dict[str, float]:
     """Share of the windows so long that each kind has."""
     number = {kind: i for i, kind in enumerate(kinds)}
-    group = torch.tensor([number[kind_of(clip)] for clip in clips])
+    groups = [kind_of(clip) for clip in clips]
     try:
-        each = weights(torch.tensor([clip.frames for clip in clips]), group, int(seconds * FPS))
+        each = weights(torch.tensor([clip.frames for clip in clips]), groups, int(seconds * FPS))
     except UserError:  # no clip is so long
         return {}
-    summed = torch.zeros(len(kinds)).index_add_(0, group, each) / each.sum()
+    summed = torch.zeros(len(kinds)).index_add_(0, torch.tensor([number[kind] for kind in groups]), each) / each.sum()
     return dict(zip(kinds, summed.tolist(), strict=True))
 
 
@@ -119,8 +119,8 @@ def _page(result: Result, recipe: Recipe, pictures: Mapping[str, str]) -> list[s
         "",
         "- **Recorded** clips of the collection's train split, mirrored, bent, slower and faster, some repeated.",
         "- **Found** (`scenectl/data/found`): pieces of recordings that show one act, cut out by how bodies move:",
-        "  idle, stop, start, turn in place, sit down, sit, stand up, climb, pick up, put down. Rests are held by going",
-        "  back and forth through them, with a sway, never frozen.",
+        "  idle, stop, start, turn in place, sit down, sit, stand up, climb, pick up, put down. Rests are held by",
+        "  going back and forth through them, with a sway, never frozen.",
         "- **Edited** (`scenectl/data/edits`) by foot-locked inverse kinematics: crouch, duck, reach, side-step,",
         "  steps, seats of other heights, picking up, putting down, carrying, leaning. Edits that jolt are left out.",
         "- **Composed** (`scenectl/data/compose`): two to four acts one after another, joined where poses and",
