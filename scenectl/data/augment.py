@@ -6,6 +6,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import torch
@@ -46,9 +47,10 @@ ALL = {
     "carry": carrying,
 }
 """Edits that are tried on everything else, too; each takes what suits it."""
-
-
-_SWITCHES = ("mirror", "bend", "found", *WALKS, *ALL, "composed", "repeat")
+GROUPS = {"found": ("found",), "edited": (*WALKS, *ALL), "composed": ("composed",)}
+"""Settings behind each group of clips that show what was not recorded, or not as a clip of its own."""
+_COPIES = ("mirror", "bend", "repeat")
+"""Settings behind copies that show what their recordings show."""
 
 
 class Augmentation(Table):
@@ -92,8 +94,15 @@ class Augmentation(Table):
     @classmethod
     def none(cls, **but: Any) -> Augmentation:
         """No copies at all, but what is stated."""
-        off = {name: type(field.default)(0) for name, field in cls.model_fields.items() if name in _SWITCHES}
-        return cls(**(off | but))
+        return cls(**(_off(*_COPIES, *chain(*GROUPS.values())) | but))
+
+    def without(self, *groups: str) -> Augmentation:
+        """The same but for some of `GROUPS`."""
+        return self.model_copy(update=_off(*chain(*(GROUPS[name] for name in groups))))
+
+
+def _off(*names: str) -> dict[str, Any]:
+    return {name: type(Augmentation.model_fields[name].default)(0) for name in names}
 
 
 def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[Clip]:
