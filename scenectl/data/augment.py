@@ -66,7 +66,7 @@ class Augmentation(Table):
         min_travel: metres a clip must travel along +z to be bent.
         max_sideways: metres a clip may leave the z axis to be bent; the map folds far from it.
         speed: each bent copy is also resampled by a factor drawn from 1/speed .. speed.
-        found: pieces of recordings that show one act (`scenectl.data.found`); edits and sequences are made of them, too.
+        found: parts of recordings that show one act (`scenectl.data.found`); edits and sequences are made of them, too.
         crouch, duck, sidestep: edits of walks (`scenectl.data.edits.walks`).
         climb: walks led up or down stairs (`edits.steps`).
         reach: edits of walks and of people who stand, a hand stretched out (`edits.walks`).

@@ -28,6 +28,7 @@ from scenectl.data.augment import GROUPS, Augmentation
 from scenectl.data.clips import prepare
 from scenectl.data.corpus import load_motions
 from scenectl.data.kinds import EDITS
+from scenectl.data.sources import HUMANML3D
 from scenectl.evaluation.kinds import ACTS, KindClassifier
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.networks.checkpoint import save_weights
@@ -170,6 +171,13 @@ def test_without_a_second_classifier_nothing_is_trained(small: Bench, tmp_path: 
     with pytest.raises(UserError, match=ACTS):
         ablations.data(small, lambda what, done: None)
     assert not small.out.exists()
+
+
+def test_nothing_is_made_of_humanml3d(tmp_path: Path) -> None:
+    for name in HUMANML3D:
+        (tmp_path / name).touch()
+    with pytest.raises(UserError, match="HumanML3D, of which nothing is made"):
+        ablations.data(Bench(tmp_path, tmp_path / "out"), lambda what, done: None)
 
 
 def test_groups_of_made_clips_are_every_setting_that_is_no_copy() -> None:
