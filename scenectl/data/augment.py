@@ -6,6 +6,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import torch
@@ -46,24 +47,33 @@ ALL = {
     "carry": carrying,
 }
 """Edits that are tried on everything else, too; each takes what suits it."""
-
-
-_SWITCHES = ("mirror", "bend", "found", *WALKS, *ALL, "composed", "repeat")
+GROUPS = {"found": ("found",), "edited": (*WALKS, *ALL), "composed": ("composed",)}
+"""Settings behind each group of clips that show what was not recorded, or not as a clip of its own."""
+_COPIES = ("mirror", "bend", "repeat")
+"""Settings behind copies that show what their recordings show."""
 
 
 class Augmentation(Table):
-    """Which copies are made, each switchable.
+    """What is made of recorded clips, each switchable.
+
+    A number of edits is that of the copies that each clip is tried for, some of which come to nothing; a fraction is a
+    share of the clips, so 1.5 is one copy of each and a second of half of them.
 
     Attributes:
-        mirror: add a mirrored copy of every clip.
-        bend: bent copies of every clip that travels (curvature drawn so that the path turns by up to `max_turn`).
+        mirror: a mirrored copy of every clip, recorded, copied, found or edited; sequences mirror their pieces.
+        bend: bent copies of every recorded clip that travels (the path turns by up to `max_turn`, drawn).
         max_turn: radians.
         min_travel: metres a clip must travel along +z to be bent.
         max_sideways: metres a clip may leave the z axis to be bent; the map folds far from it.
         speed: each bent copy is also resampled by a factor drawn from 1/speed .. speed.
-        found: cut pieces out of recordings that show one act (`scenectl.data.found`); edits are tried on them, too.
-        crouch, duck, sidestep, climb: copies with this edit that a walk is tried for; a fraction is a share of them.
-        reach, lean, seat, pick_up, put_down, fetch, carry: the same of every clip.
+        found: parts of recordings that show one act (`scenectl.data.found`); edits and sequences are made of them, too.
+        crouch, duck, sidestep: edits of walks (`scenectl.data.edits.walks`).
+        climb: walks led up or down stairs (`edits.steps`).
+        reach: edits of walks and of people who stand, a hand stretched out (`edits.walks`).
+        lean: people who stand and lean (`edits.lean`).
+        seat: seats of other heights, of clips that sit (`edits.seats`); few do, and so each gets many.
+        pick_up, put_down, fetch: hands that take a thing, put it somewhere, or bring it elsewhere (`edits.picking`).
+        carry: walks and stands with a thing in the hands (`edits.carrying`).
         composed: sequences of acts (`scenectl.data.compose`), so many times as long as what was recorded.
         repeat: share of the short clips of `REPEATING` kinds that get a copy which goes on for six to ten seconds.
     """
@@ -92,8 +102,15 @@ class Augmentation(Table):
     @classmethod
     def none(cls, **but: Any) -> Augmentation:
         """No copies at all, but what is stated."""
-        off = {name: type(field.default)(0) for name, field in cls.model_fields.items() if name in _SWITCHES}
-        return cls(**(off | but))
+        return cls(**(_off(*_COPIES, *chain(*GROUPS.values())) | but))
+
+    def without(self, *groups: str) -> Augmentation:
+        """The same but for some of `GROUPS`."""
+        return self.model_copy(update=_off(*chain(*(GROUPS[name] for name in groups))))
+
+
+def _off(*names: str) -> dict[str, Any]:
+    return {name: type(Augmentation.model_fields[name].default)(0) for name in names}
 
 
 def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[Clip]:

@@ -1,4 +1,5 @@
-"""Takes set aside as test beside the collection's own split: neither weights nor classifiers ever see them."""
+"""Takes set aside as test beside the collection's own split: neither weights nor the second classifier ever see
+them; the first one is older."""
 
 from __future__ import annotations
 

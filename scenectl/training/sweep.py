@@ -75,7 +75,7 @@ def sweep(
         if tell is not None:
             tell(variant.name, i / len(variants))
         changed = shortened(plan, recipe.varied(variant.set), iterations)
-        one = replace(run, recipe=changed, out=out / f"{variant.name}-{_digest(changed)}", cache=out / "data")
+        one = replace(run, recipe=changed, out=out / f"{variant.name}-{digest(changed)}", cache=out / "data")
         rows.append(_row(one, plan.comparison, variant, measure))
     return rows
 
@@ -125,7 +125,7 @@ def _row(run: Run[Any], comparison: Comparison, variant: Variant, measure: Measu
     return row
 
 
-def _digest(recipe: Recipe) -> str:
+def digest(recipe: Recipe) -> str:
     """Eight letters that change with any setting, so that no variant goes on from another's state."""
     return hashlib.sha256(recipe.model_dump_json(exclude={"family", "sweep"}).encode()).hexdigest()[:8]
 

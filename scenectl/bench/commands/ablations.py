@@ -21,6 +21,7 @@ def ablations(
     config: Annotated[str, typer.Option(help="The recipe whose variants are trained.")] = "compact",
     weights: Weights = "default",
     generator: Generator = GENERATOR,
+    acts: Annotated[Path | None, typer.Option(help="Folder of the second classifier, instead of ours.")] = None,
     threads: Threads = None,
     device: Annotated[str, typer.Option(help="auto, cpu or cuda, for training.")] = "auto",
 ) -> None:
@@ -30,6 +31,6 @@ def ablations(
     for name in only or ():
         if name not in ABLATIONS:
             raise UserError(f"unknown ablation '{name}'{did_you_mean(name, ABLATIONS)}")
-    setting = Bench(data, output, config, weights, iterations, clips, device, threads, generator)
+    setting = Bench(data, output, config, weights, iterations, clips, device, threads, generator, acts)
     for path in bench_ablations(setting, only or tuple(ABLATIONS), say):
         out.print(f"wrote {path}")

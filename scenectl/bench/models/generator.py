@@ -80,7 +80,7 @@ _FLOOR = Scorer(Scene.empty())
 
 def bench_generator(
     generator: Generator,
-    evaluator: Evaluator,
+    evaluator: Evaluator | None,
     classifier: KindClassifier,
     data: Path,
     clips: int | None = None,
@@ -99,7 +99,8 @@ def bench_generator(
 
     Args:
         generator: the model.
-        evaluator: behind FID, R-precision, distances; its name stands in the result.
+        evaluator: behind FID, R-precision, distances; its name stands in the result. Without one only real and
+            generated motions are looked at: their kinds, plausibility, and whether they are believable.
         classifier: of kinds of motion, frozen.
         data: folder of the motion collection, or of HumanML3D.
         clips: at most so many test clips, by default all.
@@ -116,13 +117,14 @@ def bench_generator(
     """
     test = HeldOut.of(load_clips(data, ["test"], None, _cache(), 0), generator.spec, seed, clips)
     # Too few clips, or captions that the evaluator cannot read, are found before minutes go into motions.
-    check_enough(len(test.captions))
+    if evaluator is not None:
+        check_enough(len(test.captions))
     evaluation = _Evaluation(generator, evaluator, classifier, test, repeats, seed, engine.progress, acts, against)
-    of_tokens = (RECONSTRUCTION, RANDOM) if isinstance(generator, Tokenised) else ()
+    of_tokens = (RECONSTRUCTION, RANDOM) if evaluator and isinstance(generator, Tokenised) else ()
     sets = [(REAL, 0), *((name, 0) for name in of_tokens), *((GENERATED, k) for k in range(seeds))]
     settings = {
-        "bench": "generator", "evaluator": evaluator.name, "data": data, "clips": clips, "repeats": repeats,
-        "seed": seed, "acts": acts is not None, "against": against is not None,
+        "bench": "generator", "evaluator": evaluator and evaluator.name, "data": data, "clips": clips,
+        "repeats": repeats, "seed": seed, "acts": acts is not None, "against": against is not None,
     }  # fmt: skip
     result = engine.run(
         [(f"motions: {name}, seed {k}", (name, k)) for name, k in [*sets, *([(BEFORE, 0)] if against else [])]],
@@ -135,10 +137,10 @@ def bench_generator(
     result["recall"] = recall_table(seen[REAL], seen[GENERATED])
     if acts is not None:
         result["recall_of_acts"] = _recall_of_acts(evaluation, data, seeds, engine, settings, acts_seen)
-    tokens = _tokens(generator, data, seed, engine.whole) if isinstance(generator, MSCoT) else {}
+    tokens = _tokens(generator, data, seed, engine.whole) if evaluator and isinstance(generator, MSCoT) else {}
     result["summary"] = _summary(result) | tokens.pop("summary", {})
     result["criteria"] = _criteria(result)
-    return {**result, "evaluator": evaluator.name, "clips": len(test.captions), **tokens}
+    return {**result, "evaluator": evaluator and evaluator.name, "clips": len(test.captions), **tokens}
 
 
 def asks_for_scene(kind: str, caption: str) -> bool:
@@ -151,7 +153,7 @@ class _Evaluation:
     """What the sets of motions have in common."""
 
     generator: Generator
-    evaluator: Evaluator
+    evaluator: Evaluator | None
     classifier: KindClassifier
     test: HeldOut
     repeats: int
@@ -161,13 +163,10 @@ class _Evaluation:
     against: Generator | None = None
 
     @cached_property
-    def texts(self) -> Float[Tensor, "N d"]:
-        return self.evaluator.embed_texts(self.test.captions)
-
-    @cached_property
-    def truth(self) -> Float[Tensor, "N d"]:
-        """Points of the real motions."""
-        return self.evaluator.embed_motions(real(self.test).features)
+    def points(self) -> tuple[Float[Tensor, "N d"], Float[Tensor, "N d"]]:
+        """Of the real motions and of their captions."""
+        assert self.evaluator is not None
+        return self.evaluator.embed_motions(real(self.test).features), self.evaluator.embed_texts(self.test.captions)
 
     def motions(self, name: str, k: int, clips: HeldOut) -> MotionSet:
         """The set of that name, made with the k-th seed."""
@@ -186,16 +185,17 @@ class _Evaluation:
         """Everything about one set."""
         name, k = case
         motions = self.motions(name, k, self.test)
-        row = _row(
-            motions, self.evaluator.embed_motions(motions.features), self.truth, self.texts, self.repeats, self.seed
-        )
-        if case == (GENERATED, 0):
-            row["multimodality"] = _multimodality(self.generator, self.evaluator, self.test, self.seed)
+        row = {"set": name}
+        if self.evaluator is not None:
+            row |= _standard(self.evaluator.embed_motions(motions.features), *self.points, self.repeats, self.seed)
+            if case == (GENERATED, 0):
+                row["multimodality"] = _multimodality(self.generator, self.evaluator, self.test, self.seed)
         confusion = Confusion.of(self.test.kinds, self.classifier.predict(motions.features))
         acts = Confusion.of(self.test.kinds, self.acts.predict(motions.features)) if self.acts else None
         return [
             {
                 **row,
+                **_plausible(motions),
                 "believable": _believable(motions, self.test),
                 "label_recall": confusion.macro_recall,
                 "kinds": _kinds(confusion),
@@ -279,22 +279,13 @@ def _tokens(generator: MSCoT, data: Path, seed: int, engine: Engine) -> dict[str
     }
 
 
-def _row(
-    motions: MotionSet,
-    points: Float[Tensor, "N d"],
-    truth: Float[Tensor, "N d"],
-    texts: Tensor,
-    repeats: int,
-    seed: int,
-) -> Row:
-    """Everything about one set; intervals are half-widths at 95 %."""
+def _standard(points: Float[Tensor, "N d"], truth: Float[Tensor, "N d"], texts: Tensor, repeats: int, seed: int) -> Row:
+    """What an evaluator says of one set; intervals are half-widths at 95 %."""
     ranks = [r_precision(texts, points, torch.Generator().manual_seed(seed + i)) for i in range(repeats)]
     top3 = repeated(lambda draw: float(ranks[draw.initial_seed() - seed][2]), repeats, seed)
     varied = repeated(lambda draw: diversity(points, draw), repeats, seed)
     spread = repeated(lambda draw: _bootstrapped(points, truth, draw), repeats, seed)
-    figures = {name: float(value.mean()) for name, value in plausibility(motions.padded).items()}
     return {
-        "set": motions.name,
         "fid": frechet_distance(points, truth),
         **_estimate("fid_bootstrap", spread),
         "r_precision_top1": float(torch.stack(ranks)[:, 0].mean()),
@@ -303,7 +294,13 @@ def _row(
         "multimodal_distance": multimodal_distance(texts, points),
         **_estimate("diversity", varied),
         "multimodality": None,
-        **figures,
+    }
+
+
+def _plausible(motions: MotionSet) -> Row:
+    """Figures of one set that need no evaluator."""
+    return {
+        **{name: float(value.mean()) for name, value in plausibility(motions.padded).items()},
         "quick_power_m2": statistics.fmean(power_above(joints[None], QUICK) for joints in motions.joints),
         "limb_ends_moved_m": sum(motions.moved) / len(motions.moved) if motions.moved else None,
     }
@@ -381,14 +378,14 @@ def _summary(result: Mapping[str, Any]) -> dict[str, Any]:
         **{f"{name}_over_real": made[key] / truth[key] if truth[key] else None for name, key in OVER_REAL.items()},
         "bone_length_drift_m": made["bone_length_drift_m"],
         "limb_ends_moved_m": made.get("limb_ends_moved_m"),
-        "fid": made["fid"],
+        "fid": made.get("fid"),
         **{
-            f"fid_{name.replace(' ', '_')}": row["fid"]
+            f"fid_{name.replace(' ', '_')}": row.get("fid")
             for name, row in by_name.items()
             if name not in (REAL, GENERATED)
         },
-        "r_precision_top3": made["r_precision_top3"],
-        "r_precision_top3_real": truth["r_precision_top3"],
+        "r_precision_top3": made.get("r_precision_top3"),
+        "r_precision_top3_real": truth.get("r_precision_top3"),
         "believable": made.get("believable"),
         "believable_real": truth["believable"],
         "label_recall": made["label_recall"],
@@ -429,8 +426,8 @@ def _criteria(result: Mapping[str, Any]) -> list[Row]:
     ]
 
 
-def _ratio(value: float, over: float | None) -> float | None:
-    return value / over if over else None
+def _ratio(value: float | None, over: float | None) -> float | None:
+    return value / over if over and value is not None else None
 
 
 def plot(result: Mapping[str, Any], png: str | Path) -> None:

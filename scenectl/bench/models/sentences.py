@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
-from scenectl.bench.models.asked import Asked, Timeline, load_asked
+from scenectl.bench.models.asked import SENTENCES, Asked, Timeline, load_asked
 from scenectl.bench.models.criteria import at_least, at_most
 from scenectl.data.clips import ClipSet
 from scenectl.data.features import FPS, features_to_joints, joints_to_features, on_body
@@ -84,7 +84,7 @@ def bench_sentences(
     generator: Generator,
     classifier: KindClassifier,
     data: Path,
-    file: str | Path | None = None,
+    file: str | Path | Asked | None = None,
     samples: int = 2,
     seed: int = 0,
     engine: Engine = ENGINE,
@@ -97,7 +97,7 @@ def bench_sentences(
         generator: the model.
         classifier: the second one.
         data: motion collection, whose held-out takes are put one after another to compare with.
-        file: of sentences; the one that ships by default.
+        file: of sentences, or what it asks for; the one that ships by default.
         samples: motions of each, and recordings put together for each.
         seed: of motions and of what is drawn.
         engine: tells progress, keeps rows and goes on from them.
@@ -109,7 +109,7 @@ def bench_sentences(
         ``{"summary", "rows", "criteria"}``: a row for each motion, generated and recorded, with the acts of it that
         were recognised, the share of other sentences whose acts would have been, and a timeline's `seam_ratio`.
     """
-    asked = load_asked(file) if file is not None else load_asked()
+    asked = file if isinstance(file, Asked) else load_asked(SENTENCES if file is None else file)
     asked.check(classifier.kinds)
     judge = _Judge(asked, classifier)
     takes = Takes.of(data, asked)

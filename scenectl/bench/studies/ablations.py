@@ -21,26 +21,35 @@ from torch import Tensor
 
 from scenectl.bench.control.keyframes import DENSITIES, FAILED, Keyframes, usable_clips
 from scenectl.bench.engine import Engine, Row
+from scenectl.bench.models.asked import Asked, load_asked
+from scenectl.bench.models.generator import bench_generator
 from scenectl.bench.models.posterior import bench_posterior
+from scenectl.bench.models.sentences import GENERATED, RECORDED, bench_sentences
 from scenectl.control import SolverSettings
+from scenectl.data.augment import GROUPS
 from scenectl.data.clips import beginnings
 from scenectl.data.corpus import Clip
 from scenectl.data.features import body_joints, features_to_joints, on_body
+from scenectl.data.sources import is_humanml3d
+from scenectl.evaluation import SHIPPED
+from scenectl.evaluation.kinds import ACTS, KindClassifier, load_classifier
 from scenectl.generators import load_generator
 from scenectl.generators.base import Generator, Progress
 from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.generators.mscot.networks.transformer import ScaleTransformer
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.generators.mscot.training.reconstruction import train_refiner
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe, MSCoTRun, tokenizer_of
+from scenectl.generators.mscot.training.transformer import train_transformer
 from scenectl.measures.metrics import max_acceleration, skating_ratio
 from scenectl.threads import use
 from scenectl.training.errors import joints_after
 from scenectl.training.placement import Placement, place
 from scenectl.training.recipe import Variant, load_recipe
 from scenectl.training.stages import Job, Run
-from scenectl.training.sweep import Measure, shortened, sweep, write_table
+from scenectl.training.sweep import Measure, digest, shortened, sweep, write_table
 from scenes.errors import UserError
 
 C = TypeVar("C")
@@ -70,6 +79,21 @@ REFINERS = {
 }
 """Token refiners of Table 14."""
 
+LEARNT = {"all": (), **{f"without {group}": (group,) for group in GROUPS}, "recorded only": tuple(GROUPS)}
+"""What a transformer learns from, by the groups of made clips that are left out."""
+
+ACTS_OF = {
+    "standing": ("idle", "start", "stop", "turn in place"),
+    "sitting": ("sit down", "sit", "stand up"),
+    "climbing": ("climb",),
+    "handling": ("pick up", "put down", "carry"),
+    "bending": ("lean", "crouch", "duck", "sidestep", "reach", "reach while walking"),
+}
+"""Groups of acts whose recall is told; all other kinds are told as one."""
+
+EVERY = 2
+"""Of the sentences that ship, every so-manyth is asked for: 25."""
+
 
 @dataclass(frozen=True)
 class Bench:
@@ -85,6 +109,7 @@ class Bench:
         device: "auto", "cpu" or "cuda", for training.
         threads: CPU threads; torch's choice by default.
         family: of the generator that is taken apart.
+        acts: folder of the second classifier of kinds, instead of ours.
     """
 
     data: Path
@@ -96,6 +121,7 @@ class Bench:
     device: str = "auto"
     threads: int | None = None
     family: str = MSCoT.name
+    acts: Path | None = None
 
     @cached_property
     def recipe(self) -> MSCoTRecipe:
@@ -135,7 +161,7 @@ class Bench:
         """A row for each case; those that an earlier run measured are taken again."""
         settings = {
             "ablation": name, "data": self.data, "config": self.config, "weights": self.weights,
-            "iterations": self.iterations, "clips": self.clips,
+            "iterations": self.iterations, "clips": self.clips, "acts": self.acts,
         }  # fmt: skip
         engine = Engine(progress, self.out / f"{name}.json")
         found: list[Row] = engine.run(cases, lambda case: [measure(case)], lambda rows: {}, settings)["rows"]
@@ -320,6 +346,74 @@ def _refined(tokenizer: Tokenizer, network: Refiner, features: Float[Tensor, "C 
     return {**found, "refiner_s": seconds}
 
 
+def data(bench: Bench, progress: Progress) -> list[Path]:
+    """What the transformer learns from: each group of made clips left out, all on the finished tokenizer.
+
+    Raises:
+        UserError: the second classifier is missing or does not know the sentences' acts, or the folder is HumanML3D.
+    """
+    if is_humanml3d(bench.data):
+        raise UserError(f"folder '{bench.data}' is HumanML3D, of which nothing is made; name a motion collection")
+    first, second, asked = load_classifier(), load_classifier(bench.acts or SHIPPED, ACTS), load_asked()
+    some = asked.model_copy(update={"sentence": asked.sentence[::EVERY], "timeline": ()})
+    some.check(second.kinds)
+    recipe = shortened(TRAINING, bench.recipe, bench.iterations)
+
+    def row(name: str) -> Row:
+        varied = recipe.model_copy(update={"augmentation": recipe.augmentation.without(*LEARNT[name])})
+        run = Run(TRAINING, varied, bench.data, bench.out / "models", where=bench.where)
+        clips, folder = run.clips(["train"], True), run.out / f"transformer-{digest(varied)}"
+        made = {"learns from": name, "hours": clips.hours, "clips": len(clips.ids)}
+        return {**made, **judged(_relearnt(bench, run, folder), bench.data, first, second, some)}
+
+    title = f"What the transformer learns from, {bench.iterations} iterations"
+    return bench.table("data", title, [(name, name) for name in LEARNT], row, progress)
+
+
+def _relearnt(bench: Bench, run: MSCoTRun, folder: Path) -> MSCoT:
+    """The finished weights with a transformer of the recipe's, trained on a run's clips."""
+    bundle, recipe, clips = bench.generator.bundle, run.recipe, run.clips(["train"], True).on(run.where.device)
+    job = Job(clips, folder, recipe.seed, run.where, run.prepared)
+    settings = recipe.model.transformer, deepcopy(bundle.tokenizer), run.encoder(), recipe.transformer
+    trained = train_transformer(*settings, job).averaged.cpu().eval().requires_grad_(False)
+    assert isinstance(trained, ScaleTransformer)
+    return MSCoT(replace(bundle, transformer=trained, text=run.encoder("cpu")), bench.generator.sampling)
+
+
+def judged(generator: Generator, data: Path, first: KindClassifier, second: KindClassifier, asked: Asked) -> Row:
+    """Kinds of all test clips and acts of pieces of held-out recordings, motion beside real motion, sentences in order.
+
+    Args:
+        generator: what makes the motions, each once.
+        data: the motion collection.
+        first, second: classifiers of recorded kinds, and of acts.
+        asked: sentences of several acts.
+    """
+    found = bench_generator(generator, None, first, data, acts=second)
+    told = bench_sentences(generator, second, data, asked, samples=1)["summary"]["sentences"]
+    keys = "label_recall", "label_recall_real", "skating_over_real", "acceleration_over_real", "believable"
+    return {
+        **{key: found["summary"][key] for key in keys},
+        **_recall_of_groups(found["recall_of_acts"]),
+        "sentences_in_order": told[GENERATED],
+        "sentences_in_order_recorded": told[RECORDED],
+    }
+
+
+def _recall_of_groups(recall: Sequence[Row]) -> Row:
+    """Share of the clips of each group of acts that were recognised, generated and real; None where there are none."""
+    known = {kind for kinds in ACTS_OF.values() for kind in kinds}
+    others = tuple(row["kind"] for row in recall if row["kind"] not in known)
+    found: Row = {}
+    for name, kinds in {**ACTS_OF, "other": others}.items():
+        rows = [row for row in recall if row["kind"] in kinds]
+        clips = sum(row["clips"] for row in rows)
+        for key, of in (("generated", name), ("real", f"{name}_real")):
+            right = sum(row["clips"] * (row[key] or 0.0) for row in rows)
+            found[f"acts_{of}"] = right / clips if clips else None
+    return found
+
+
 def iterations(bench: Bench, progress: Progress) -> list[Path]:
     """Fig. 9: what more refinement buys, and what it costs."""
     from scenectl.bench.studies.figures import draw_trade_off
@@ -436,6 +530,8 @@ def figures(bench: Bench, progress: Progress) -> list[Path]:
 
 ABLATIONS: dict[str, Callable[[Bench, Progress], list[Path]]] = {
     each.__name__: each
-    for each in (figures, iterations, densities, refinement, refiner, losses, codebook, normalised, adaptive, scales)
-}
+    for each in (
+        figures, iterations, densities, refinement, refiner, losses, codebook, normalised, adaptive, scales, data,
+    )
+}  # fmt: skip
 """By name, the cheap ones first."""
