@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -72,6 +73,18 @@ def test_all_scales_are_the_round_trip_and_each_adds_its_own(data: Path, tmp_pat
     after = [after_scales(tokenizer, k + 1)(features) for k in range(len(SCALES))]
     torch.testing.assert_close(after[-1], generator.round_trip(features))
     assert not torch.allclose(after[-2], after[-1])
+
+
+def test_the_command_prints_it_and_keeps_it(
+    data: Path, tmp_path: Path, scenectl: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("scenectl.bench.commands.shared.loaded", lambda name, weights: Parted(bundle()))
+    said = scenectl("bench", "tokenizer", "--data", data, "--json", tmp_path / "found.json")
+    assert said.status == 0 and "where movement is lost" in said.out, said.err
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert [row["through"] for row in found["lost"]] == ["real", "nothing lost", "still"]
+    assert {row["frames"] for row in found["rows"]} == {64} and found["summary"]["reconstruction_error_all_m"] > 0
+    assert any(line.startswith("still") for line in said.out.splitlines())
 
 
 def test_a_generator_without_tokens_is_refused(data: Path) -> None:
