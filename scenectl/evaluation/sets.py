@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -17,6 +17,7 @@ from scenectl.evaluation.motions import STRIDE
 from scenectl.generators.base import Generator, Progress, silent
 from scenectl.generators.spec import Spec
 from scenectl.generators.steps import DecodedStep, LatentStep
+from scenectl.training.errors import RoundTrip
 from scenes.errors import UserError
 from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.skeleton import HUMANML3D
@@ -30,6 +31,14 @@ class Tokenised(Protocol):
 
     def round_trip(self, features: Float[Tensor, "C T 263"]) -> Float[Tensor, "C T 263"]:
         """Raw features after a round trip through tokens: the best that these tokens can do; T a multiple of four."""
+        ...
+
+    def round_trips(self, seen: Float[Tensor, "W T 263"]) -> Mapping[str, RoundTrip]:
+        """The same through a part of what codes a motion, by name, from what is lost first on, to tell where it is.
+
+        Args:
+            seen: raw windows of training, on which what is no part of the generator may be fitted.
+        """
         ...
 
     def from_random_tokens(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
@@ -131,9 +140,9 @@ def real(clips: HeldOut) -> MotionSet:
 
 
 @torch.no_grad()
-def reconstructed(clips: HeldOut, generator: Tokenised) -> MotionSet:
-    """The clips after a round trip through tokens."""
-    decoded = [generator.round_trip(f[None]) for f in clips.features]
+def reconstructed(clips: HeldOut, round_trip: RoundTrip) -> MotionSet:
+    """The clips after a round trip, such as that through tokens."""
+    decoded = [round_trip(f[None]) for f in clips.features]
     return MotionSet.of(
         "reconstruction", [body_joints(f)[0] for f in decoded], [features_to_joints(f)[0] for f in decoded]
     )

@@ -18,8 +18,12 @@ from scenes.motion.skeleton import HUMANML3D
 RoundTrip = Callable[[Float[Tensor, "C T 263"]], Float[Tensor, "C T 263"]]
 """Raw features in, what a model makes of them out."""
 
+Row = Mapping[str, Any]
+
 BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 10.0))
 """Hz, from the lower bound up to the upper: posture, gait, its harmonics, what is fast. The last ends at Nyquist."""
+QUICK = 6.0
+"""Hz above which people move little, and trembling networks do."""
 
 
 @torch.no_grad()
@@ -83,6 +87,19 @@ def error_by_band(got: Float[Tensor, "C T 22 3"], true: Float[Tensor, "C T 22 3"
     ]
 
 
+def kept_by_band(got: Float[Tensor, "C T 22 3"], true: Float[Tensor, "C T 22 3"]) -> dict[str, float | None]:
+    """How much each band still moves, relative to what it should: 1 where all movement is kept, None where none was."""
+    rows = error_by_band(got, true)
+    return {
+        band_name(row): row["reconstructed_rms_m"] / row["true_rms_m"] if row["true_rms_m"] else None for row in rows
+    }
+
+
+def band_name(row: Row) -> str:
+    """As tables call a band of `error_by_band`."""
+    return f"{row['low_hz']:g} to {row['high_hz']:g} Hz"
+
+
 def band_rms(x: Float[Tensor, "C T J 3"], fps: float = FPS) -> list[float]:
     """Root mean square of trajectories in each of `BANDS`, about their mean over time (Hann window)."""
     hertz, power = spectrum(x, fps)
@@ -115,9 +132,6 @@ def about_pelvis(joints: Float[Tensor, "C T 22 3"]) -> Float[Tensor, "C T 22 3"]
     return joints - joints[..., :1, :]
 
 
-Row = Mapping[str, Any]
-
-
 def source_table(by_length: Mapping[str, Mapping[str, Row]]) -> list[str]:
     """Lines of a card for `error_by_source`, by number of frames."""
     names = "global_error_m", "local_error_m", "root_drift_m"
@@ -138,10 +152,7 @@ def joint_table(errors: Mapping[str, Row]) -> list[str]:
 def band_table(bands: Sequence[Row]) -> list[str]:
     """Lines of a card for `error_by_band`."""
     names = "true", "reconstructed", "error"
-    rows = (
-        (f"{row['low_hz']:g} to {row['high_hz']:g} Hz", *(_mm(row[f"{name}_rms_m"], 1) for name in names))
-        for row in bands
-    )
+    rows = ((band_name(row), *(_mm(row[f"{name}_rms_m"], 1) for name in names)) for row in bands)
     return table(("band", "real", "reconstructed", "difference"), rows)
 
 

@@ -42,7 +42,7 @@ from scenectl.generators.mscot.training.measures import code_use, least_use
 from scenectl.measures.believability.judge import Judge
 from scenectl.measures.metrics import Scorer
 from scenectl.measures.plausibility import plausibility
-from scenectl.training.errors import power_above
+from scenectl.training.errors import QUICK, power_above
 from scenes.body.body import DEFAULT_BODY
 from scenes.files import atomic_write
 from scenes.motion.motion import Motion, Pose2D
@@ -58,8 +58,6 @@ SEEDS_APART = 100_003
 """Between the seeds of two motions of the same clip: every clip has a seed of its own."""
 PIECES = 40
 """Pieces of held-out recordings of each kind that the second classifier looks at, at most."""
-QUICK = 6.0
-"""Hz above which people move little, and trembling networks do."""
 OVER_REAL = {
     "skating": "skating_ratio",
     "acceleration": "acceleration_m_per_s2",
@@ -178,7 +176,7 @@ class _Evaluation:
             return replace(made, name=name)
         assert isinstance(self.generator, Tokenised)
         if name == RECONSTRUCTION:
-            return reconstructed(clips, self.generator)
+            return reconstructed(clips, self.generator.round_trip)
         return of_random_tokens(clips, self.generator, self.seed)
 
     def rows(self, case: tuple[str, int]) -> list[Row]:

@@ -22,16 +22,22 @@ def bench_tokenizer(
 
     Raises UserError for a generator that has no tokenizer.
     """
-    if not isinstance(generator, Tokenised):
-        raise UserError(f"generator '{generator.name}' has no tokenizer to measure")
+    tokens = tokenised(generator)
     test = load_clips(Path(data), ["test"], None, default_cache() / "windows", 0)
 
     def reconstructed(length: int) -> list[Row]:
-        found = error_by_source(generator.round_trip, test, length)
+        found = error_by_source(tokens.round_trip, test, length)
         return [{"frames": length, "set": name, **figures} for name, figures in found.items()]
 
     cases = [(f"{length} frames", length) for length in frames]
     return engine.run(cases, reconstructed, _summary, {"bench": "tokenizer", "data": data, "frames": frames})
+
+
+def tokenised(generator: Generator) -> Tokenised:
+    """The generator as one of tokens; raises UserError for one that has no tokenizer."""
+    if not isinstance(generator, Tokenised):
+        raise UserError(f"generator '{generator.name}' has no tokenizer to measure")
+    return generator
 
 
 def _summary(rows: Sequence[Row]) -> dict[str, Any]:

@@ -138,6 +138,12 @@ class MSCoT:
         """Raw features after a round trip through tokens, T a multiple of four."""
         return self.bundle.tokenizer.decode(self.bundle.tokenizer.encode(features))
 
+    def round_trips(self, seen: Float[Tensor, "W T 263"]) -> dict[str, Callable[[Tensor], Tensor]]:
+        """Round trips through a part of the code (`scenectl.generators.mscot.coding`)."""
+        from scenectl.generators.mscot.coding import round_trips  # what generates has no use for it
+
+        return round_trips(self.bundle, seen)
+
     def from_random_tokens(self, frames: int, draw: torch.Generator) -> Float[Tensor, "1 T 263"]:
         """Raw features of tokens drawn uniformly, `frames` a multiple of four."""
         lengths, codes = self.quantiser.lengths(tokens_for(frames)), self.bundle.config.tokenizer.codes

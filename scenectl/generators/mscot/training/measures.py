@@ -10,8 +10,9 @@ import torch
 from jaxtyping import Float
 
 from scenectl.data.clips import ClipSet, beginnings, overlapping
+from scenectl.generators.mscot.coding import after_scales
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
-from scenectl.training.errors import RoundTrip, error_by_band, error_by_joint, joints_after
+from scenectl.training.errors import RoundTrip, error_by_band, error_by_joint, joints_after, kept_by_band
 
 FINER = 3
 """Code use is judged at the scales beyond this one: coarser ones have few tokens to use codes with."""
@@ -56,7 +57,10 @@ def least_use(use: Sequence[Mapping[str, float]], figure: str = "share_used") ->
 
 
 def measure_tokenizer(tokenizer: Tokenizer, train: ClipSet, test: ClipSet, frames: int = 64) -> dict[str, Any]:
-    """Code use on both splits and errors on the second, over the first `frames` frames of the clips."""
+    """Code use on both splits, and on the second errors and what each number of scales keeps of the movement.
+
+    All over the first `frames` frames of the clips.
+    """
     held_out = beginnings(test, frames)
     got, true = joints_after(round_trip(tokenizer), held_out)
     return {
@@ -67,4 +71,8 @@ def measure_tokenizer(tokenizer: Tokenizer, train: ClipSet, test: ClipSet, frame
         },
         "error_by_joint": error_by_joint(got, true),
         "error_by_band": error_by_band(got, true),
+        "kept_by_scales": [
+            kept_by_band(*joints_after(after_scales(tokenizer, k + 1), held_out))
+            for k in range(tokenizer.quantiser.scales)
+        ],
     }

@@ -136,6 +136,10 @@ def _report(figures: Figures) -> list[str]:
         "Scale by scale, 64 frames (perplexity: of the codes used; cross-entropy: of the transformer, nats a token):",
         "",
         *_scale_table(figures["code_use"], figures["cross_entropy_by_scale"]),
+        "",
+        "Movement kept by the scales up to each (root mean square over the real one, joints relative to the pelvis):",
+        "",
+        *_kept_table(figures["kept_by_scales"]),
     ]
 
 
@@ -146,6 +150,14 @@ def _scale_table(use: Mapping[str, Sequence[Mapping[str, float]]], entropy: Sequ
         rows.append((f"{k + 1}", *figures, f"{entropy[k]:.2f}" if entropy else "-"))
     codes = ("codes used, training", "perplexity", "codes used, test", "perplexity")
     return table(("scale", *codes, "cross-entropy"), rows)
+
+
+def _kept_table(kept: Sequence[Mapping[str, float | None]]) -> list[str]:
+    rows = [
+        (f"{k}", *("-" if share is None else f"{share:.0%}" for share in bands.values()))
+        for k, bands in enumerate(kept, start=1)
+    ]
+    return table(("scales", *kept[0]), rows)
 
 
 def _columns(run: MSCoTRun) -> dict[str, float]:

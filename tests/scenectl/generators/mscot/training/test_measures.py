@@ -60,3 +60,6 @@ def test_a_model_is_measured_on_whole_beginnings(tmp_path: Path) -> None:
     error = (got - features_to_joints(on_body(beginnings(test, 64)))).norm(dim=-1).mean()
     mean = sum(row["global_error_m"] for row in found["error_by_joint"].values()) / 22
     assert mean == pytest.approx(float(error), rel=1e-4) and found["clips"] == 2
+    whole = [row["reconstructed_rms_m"] / row["true_rms_m"] for row in found["error_by_band"]]
+    assert list(found["kept_by_scales"][-1].values()) == pytest.approx(whole, rel=1e-4)
+    assert len(found["kept_by_scales"]) == len(SCALES)

@@ -8,7 +8,7 @@ import torch
 from scenectl.data.features import POSITIONS, joints_to_features
 from scenectl.generators.mscot.config import TokenizerConfig
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
-from scenectl.generators.mscot.training.principal import start_at_principal_components
+from scenectl.generators.mscot.training.principal import components_alone, start_at_principal_components
 from tests.scenectl.small import walk
 
 
@@ -50,3 +50,12 @@ def test_the_networks_begin_quietly() -> None:
     with torch.no_grad():
         added = plain.latent(features) - made.latent(features)
     assert 0 < float(added.norm()) < 0.02 * float(loud.norm())
+
+
+def test_components_alone_are_what_the_shortcut_does() -> None:
+    made, features = started(16)
+    with torch.no_grad():
+        shortcut, alone = made.decode_latent(made.latent(features)), components_alone(made, features)(features)
+    torch.testing.assert_close(alone, shortcut, atol=1e-4, rtol=1e-4)
+    made, features = started(200)  # as many as there are directions
+    torch.testing.assert_close(components_alone(made, features)(features), features, atol=1e-3, rtol=1e-3)

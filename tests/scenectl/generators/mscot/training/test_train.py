@@ -167,6 +167,7 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
         "# Model card: tiny", "non-commercial", "NSF EIA-0196217", "CC BY-NC 4.0", "hours as recorded",
         "| walk | 0.0", "| tokenizer | 8 |", "| decoder | 4 |",
         "frames a second", "Codes restarted", "| left wrist |", "| 4 to 10 Hz |", "| scale | codes used, training |",
+        "| scales | 0 to 1 Hz |",
     ):  # fmt: skip
         assert words in card
     metrics = json.loads((weights / "metrics.json").read_text())
@@ -175,6 +176,7 @@ def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     assert metrics["reconstruction"]["196"] == {}
     assert len(metrics["cross_entropy_by_scale"]) == 3 and all(0 < x < 10 for x in metrics["cross_entropy_by_scale"])
     assert [row["scale"] for row in metrics["code_use"]["test"]] == [1, 2, 3]
+    assert len(metrics["kept_by_scales"]) == 3 and all(len(kept) == 4 for kept in metrics["kept_by_scales"])
     assert (weights / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
