@@ -3,8 +3,8 @@
 Torch computes with OpenMP, whose threads spin while they wait for each other: a thread that has lost its core to
 another process makes all others wait, at each of the thousands of small operations of a generation. One thread waits
 for none: motions are made on one unless more are asked for. Training keeps its threads, which pays for large networks
-(`train --threads 1` for small ones), and lets them sleep while they wait, which gives their cores away; OpenMP reads how
-threads wait once, when torch is imported. `scenectl bench threads` prints what each choice costs.
+(`train --threads 1` for small ones), and lets them sleep while they wait, which gives their cores away; OpenMP reads
+how threads wait once, when torch is imported. `scenectl bench threads` prints what each choice costs.
 """
 
 from __future__ import annotations

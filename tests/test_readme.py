@@ -74,7 +74,8 @@ def test_tables_are_tasks(index: int, folder: Path) -> None:
     """Parts of tasks as well: with a sentence and a length where they have none."""
     text = fences("toml")[index]
     table = tomllib.loads(text)
-    head = {"prompt": 'prompt = "x"\n', "seconds": "" if "walk" in table else "seconds = 5.0\n"}
+    own_length = "walk" in table or isinstance(table.get("prompt"), list)
+    head = {"prompt": 'prompt = "x"\n', "seconds": "" if own_length else "seconds = 5.0\n"}
     (folder / "task.toml").write_text("".join(line for key, line in head.items() if key not in table) + text)
     setup = load_task(folder / "task.toml").build()
     assert setup.objective.terms or not setup.scene.meshes

@@ -16,7 +16,7 @@ from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
 from scenes.world.scene import Scene
 
-LEFT_OUT = ("climb", "sit", "get up", "acrobatics")
+LEFT_OUT = ("climb", "sit", "sit and kneel", "get up", "acrobatics")
 """Kinds of `scenectl.data.kinds` that are climbing, sitting, lying and acrobatics."""
 _LIKE_THEM = re.compile("crawl|slope|uneven", re.IGNORECASE)
 """Labels of other kinds that lie on the floor, or climb ground that the collection does not hold."""

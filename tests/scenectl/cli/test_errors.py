@@ -139,7 +139,7 @@ def test_task_files(kind: str, tmp_path: Path, scenectl: Callable[..., object]) 
     [
         ("seconds = 4.0\n", "'prompt' is missing"),
         ('prompt = "x"\n', "'seconds' is missing"),
-        ('prompt = "x"\nseconds = 60.5\n', "seconds"),
+        ('prompt = "x"\nseconds = 120.5\n', "seconds"),
         ('prompt = "x"\nwalk = {to = [0.0, 2.0], arrive = 1e6}\n', "state more 'seconds'"),
         ('prompt = ""\nseconds = 4.0\n', "prompt"),
         ('prompt = "x\n', "TOML"),

@@ -118,7 +118,7 @@ BAD: dict[str, tuple[Any, Any, str]] = {
     "all anew": (WALK, mask((0, 60)), "keeps no frame"),
     "another length of mask": (WALK, mask(frames=59), "the motion has 60 frames"),
     "short": (Motion(walk(30)), mask((3, 9), frames=30), "30 frames"),
-    "long": (Motion(walk(1201)), mask((3, 9), frames=1201), "1201 frames; an edit takes 36 to 1200"),
+    "long": (Motion(walk(2401)), mask((3, 9), frames=2401), "2401 frames; an edit takes 36 to 2400"),
     "other rate": (replace(WALK, fps=30.0), mask((3, 9)), "30 frames a second"),
     "a batch": (Motion(WALK.joints[None]), mask((3, 9)), "one motion"),
     "other size": (Motion(WALK.joints * 2), mask((3, 9)), "2.00 times as long as an adult's"),
