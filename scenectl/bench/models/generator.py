@@ -65,7 +65,7 @@ OVER_REAL = {
     "power": "quick_power_m2",
 }
 """Figures of rows that are compared with those of real motions, by a short name."""
-RECONSTRUCTION = {
+FAITHFUL = {
     "reconstruction_error_m": ("Bandai", 0.04),
     "reconstruction_error_other_m": ("other sources", 0.08),
 }
@@ -416,7 +416,7 @@ def _criteria(result: Mapping[str, Any]) -> list[Row]:
         ),
         *(
             at_most(f"reconstruction, {which} (m)", most, summary[name])
-            for name, (which, most) in RECONSTRUCTION.items()
+            for name, (which, most) in FAITHFUL.items()
             if name in summary
         ),
         within("mean acceleration over real", 0.8, 1.1, over["acceleration"]),
