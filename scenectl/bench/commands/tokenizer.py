@@ -54,7 +54,7 @@ def tokenizer(
 
 def _show(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Where movement is lost: errors, and shares of what real motions do."""
-    out.print(f"\nwhere movement is lost{name and f' by {name}'}: errors; bands, accelerations and power over real ones; recall")
+    out.print(f"\nwhere movement is lost{name and f' by {name}'}: errors, the rest but recall over real motions")
     bands = list(rows[0]["kept"])
     lines = table("through", *_ERRORS.values(), *bands, *_FIGURES.values())
     for row in rows:
