@@ -90,7 +90,8 @@ class Confusion:
 
     def recall_of(self, kinds: Iterable[str]) -> float | None:
         """Share of all clips of these kinds that was recognised; None where there is none."""
-        rows = [i for i, kind in enumerate(self.kinds) if kind in set(kinds)]
+        wanted = set(kinds)
+        rows = [i for i, kind in enumerate(self.kinds) if kind in wanted]
         total = int(self.counts[rows].sum())
         return int(self.counts[rows, rows].sum()) / total if total else None
 

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from scenectl.bench.engine import Engine, Result
 
 _ERRORS = {
-    "global_error_bandai_m": "Bandai (mm)",
-    "local_error_bandai_m": "about pelvis",
-    "global_error_other_m": "other (mm)",
-    "local_error_other_m": "about pelvis",
+    "global_error_bandai_m": "Bandai, mm",
+    "local_error_bandai_m": "local",
+    "global_error_other_m": "other, mm",
+    "local_error_other_m": "local",
 }
 _FIGURES = {
-    "acceleration_over_real": "acceleration",
-    "max_acceleration_over_real": "largest",
+    "acceleration_over_real": "mean acc.",
+    "max_acceleration_over_real": "max acc.",
     "power_over_real": "> 6 Hz",
     "recall": "recall",
     "recall_of_waves": "of waves",
@@ -54,7 +54,7 @@ def tokenizer(
 
 def _show(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Where movement is lost: errors, and shares of what real motions do."""
-    out.print(f"\nwhere movement is lost{name and f' by {name}'}, each band's and all else over the real one:")
+    out.print(f"\nwhere movement is lost{name and f' by {name}'}: errors, the rest but recall over real motions")
     bands = list(rows[0]["kept"])
     lines = table("through", *_ERRORS.values(), *bands, *_FIGURES.values())
     for row in rows:

@@ -94,3 +94,4 @@ def test_rare_kinds_are_pooled() -> None:
     found = Confusion.of(["a"] * 4 + ["b"] * 2 + ["c"] * 2, ["a"] * 3 + ["b"] * 2 + ["a"] + ["c", "d"])
     assert found.clips == {"a": 4, "b": 2, "c": 2}
     assert found.recall_of(["a"]) == 0.75 and found.recall_of(["b", "c"]) == 0.5 and found.recall_of(["d"]) is None
+    assert found.recall_of(kind for kind in ("b", "c")) == 0.5
