@@ -149,7 +149,7 @@ def test_each_group_of_made_clips_is_left_out_on_one_tokenizer(small: Bench, mon
 
 def test_what_was_stopped_goes_on(small: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ablations, "judged", lambda *_: {"label_recall": 1.0})
-    monkeypatch.setattr(ablations, "LEARNT", {name: LEARNT[name] for name in ("without edited", "recorded only")})
+    monkeypatch.setattr(ablations, "LEARNT", {name: LEARNT[name] for name in ("all", "recorded only")})
     trained, train = list[Path](), ablations.train_transformer
 
     def killed(*settings: Any) -> Any:
