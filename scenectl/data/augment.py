@@ -24,6 +24,7 @@ from scenectl.data.features import FPS
 from scenectl.data.found import found
 from scenectl.data.kinds import kind_of
 from scenectl.data.repeat import repeated
+from scenectl.data.settling import settled
 from scenes.tables import Table
 
 SHORTEST_EDIT = 40
@@ -123,7 +124,7 @@ def augmented(clips: Sequence[Clip], settings: Augmentation, seed: int) -> list[
     out += [copy for clip in cyclic if (copy := repeated(clip, draw)) is not None]
     whole = [*clips, *(found(clips) if settings.found else ())]
     edited = edits(whole, settings, draw)
-    out += [*whole[len(clips) :], *edited]
+    out += map(settled, [*whole[len(clips) :], *edited])
     if settings.mirror:
         out += [mirrored(clip) for clip in out]
     if settings.composed:
