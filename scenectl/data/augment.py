@@ -15,6 +15,7 @@ from pydantic import Field
 from scenectl.data.compose import composed
 from scenectl.data.corpus import Clip, bent, mirrored, retimed
 from scenectl.data.edits.carrying import carrying
+from scenectl.data.edits.handling import walks
 from scenectl.data.edits.lean import leaning
 from scenectl.data.edits.picking import fetching, picking_up, putting_down
 from scenectl.data.edits.seats import seated
@@ -137,8 +138,8 @@ def edits(clips: Sequence[Clip], settings: Augmentation, draw: random.Random) ->
     """Copies of clips with something led elsewhere: `WALKS` of walks, `ALL` of whatever suits them."""
     out = []
     for clip in clips:
-        walks = _walks(clip) and clip.frames >= SHORTEST_EDIT
-        for name, edit in (WALKS | ALL if walks else ALL).items():
+        walking = walks(clip) and clip.frames >= SHORTEST_EDIT
+        for name, edit in (WALKS | ALL if walking else ALL).items():
             wanted = getattr(settings, name)
             count = int(wanted) + (draw.random() < wanted % 1)
             copies = [copy for _ in range(count) if (copy := edit(clip, draw)) is not None and not jolts(copy, clip)]
@@ -150,10 +151,6 @@ def jolts(copy: Clip, clip: Clip) -> bool:
     """Whether an edit makes a joint accelerate as the clip does nowhere."""
     before, after = (float(each.joints.diff(n=2, dim=0).norm(dim=-1).max()) * FPS**2 for each in (clip, copy))
     return after > max(1.2 * before, JOLT)
-
-
-def _walks(clip: Clip) -> bool:
-    return kind_of(clip).removeprefix("bandai: ").split("-")[0] in ("walk", "turn")
 
 
 def _bent_copy(clip: Clip, settings: Augmentation, draw: random.Random) -> Clip | None:
