@@ -13,6 +13,7 @@ from scipy.ndimage import minimum_filter1d
 from torch import Tensor
 
 from scenectl.data.edits.limbs import with_legs
+from scenectl.data.edits.timing import minimum_jerk
 from scenectl.data.features import to_uniform_skeleton
 from scenes.motion.headings import turned
 from scenes.motion.skeleton import FEET, HUMANML3D
@@ -56,8 +57,7 @@ def laid(piece: Float[Tensor, "N 22 3"], onto: Float[Tensor, "W 22 3"], rise: fl
 
 def blended(a: Float[Tensor, "W 22 3"], b: Float[Tensor, "W 22 3"]) -> Float[Tensor, "W 22 3"]:
     """From all of `a` to all of `b`; directions of bones are blended, their lengths stay."""
-    share = torch.linspace(0, 1, len(a))[:, None, None]
-    share = share**3 * (share * (6 * share - 15) + 10)
+    share = minimum_jerk(torch.linspace(0, 1, len(a)))[:, None, None]
     return to_uniform_skeleton(torch.lerp(a, b, share))
 
 

@@ -33,6 +33,7 @@ from scenectl.data.edits.limbs import (
     with_hand,
     with_legs,
 )
+from scenectl.data.edits.timing import minimum_jerk
 from scenectl.data.features import FPS, canonicalise, to_uniform_skeleton
 from scenectl.data.kinds import kind_of
 from scenes.motion.skeleton import HUMANML3D
@@ -55,8 +56,7 @@ Track = Float[Tensor, " T"]
 
 def smooth(t: Tensor, begin: int, end: int) -> Tensor:
     """0 before `begin`, 1 after `end`, with the least jerk between."""
-    s = ((t - begin) / (end - begin)).clamp(0.0, 1.0)
-    return s**3 * (s * (6 * s - 15) + 10)
+    return minimum_jerk((t - begin) / (end - begin))
 
 
 def stands(joints: Joints) -> list[tuple[int, int]]:

@@ -17,6 +17,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from torch import Tensor
 
 from scenectl.data.corpus import Act, Clip
+from scenectl.data.edits.timing import minimum_jerk
 from scenectl.data.features import FPS, to_uniform_skeleton
 from scenes.motion.headings import across, heading
 from scenes.motion.motion import Motion
@@ -74,8 +75,7 @@ def bump(joints: Float[Tensor, "T 22 3"], draw: random.Random, hold: tuple[float
         return None
     begin = draw.uniform(0.0, slack)
     t = torch.arange(len(joints), dtype=torch.float32, device=joints.device) - begin
-    ramp = torch.minimum(t / rise, (2 * rise + still - t) / rise).clamp(0.0, 1.0)
-    return ramp**3 * (ramp * (6 * ramp - 15) + 10)
+    return minimum_jerk(torch.minimum(t / rise, (2 * rise + still - t) / rise))
 
 
 def lowered(

@@ -28,6 +28,12 @@ def lingered(joints: Float[Tensor, "T 22 3"], frames: int, start: float = 0.0) -
     return to_uniform_skeleton(torch.as_tensor(played, dtype=joints.dtype, device=joints.device))
 
 
+def minimum_jerk(share: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
+    """0 to 1, clamped, with the least jerk between."""
+    share = share.clamp(0.0, 1.0)
+    return share**3 * (share * (6 * share - 15) + 10)
+
+
 def eased(share: Float[Tensor, "*b"]) -> Float[Tensor, "*b"]:
     """0 to 1, clamped, with soft ends."""
     share = share.clamp(0.0, 1.0)
