@@ -32,6 +32,9 @@ def train(
         str | None,
         typer.Option(help="Finished weights, which stand for stages not trained here."),
     ] = None,
+    start: Annotated[
+        str | None, typer.Option(help="Finished weights, at which training begins instead of at random ones.")
+    ] = None,
 ) -> None:
     """Train one stage or all, compare small variants (sweep), or train what evaluates; what was stopped goes on."""
     sleep_while_waiting()
@@ -51,7 +54,7 @@ def train(
     known = ("all", *plan.commands, "sweep", "evaluator", "acts")
     if stage not in known:
         raise UserError(f"unknown stage '{stage}'{did_you_mean(stage, known)}")
-    folder = learn(stage, data, config, output, iterations, text, threads, device, weights, plan=plan)
+    folder = learn(stage, data, config, output, iterations, text, threads, device, weights, start, plan=plan)
     out.print(f"the run is in {folder}")
 
 

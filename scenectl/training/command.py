@@ -23,6 +23,7 @@ def train(
     threads: int | None = None,
     device: str = "auto",
     weights: str | Path | None = None,
+    start: str | Path | None = None,
     *,
     plan: Training[Any],
 ) -> Path:
@@ -41,6 +42,8 @@ def train(
         device: "cpu", "cuda", or "auto"; a run may go on elsewhere than where it began.
         weights: exported ones (a folder, or the name of bundled ones), whose networks stand for stages that `out` has
             not trained: to train one stage of finished weights anew.
+        start: exported ones, at whose networks training begins instead of at random ones: to go on with finished
+            weights, on other data or with another recipe.
         plan: of the recipe's family (`scenectl.generators.training.plan_of`).
 
     Returns:
@@ -56,7 +59,7 @@ def train(
         use(threads)
     if text is not None:
         recipe = plan.with_text(recipe, text)
-    run = Run(plan, recipe, Path(data), out, iterations, place(device, recipe.precision), weights)
+    run = Run(plan, recipe, Path(data), out, iterations, place(device, recipe.precision), weights, start)
     if stage in {each.name for each in plan.stages} - run.stages.keys():
         raise UserError(f"training config '{config}' leaves {stage} out; give it a table [{stage}], or name another")
     names = [*run.stages, "export"] if stage == "all" else [stage]

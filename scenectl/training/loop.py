@@ -119,6 +119,11 @@ class Loop:
         rates = [point[RATE] for point in self.curve if RATE in point]
         return statistics.median(rates) if rates else None
 
+    def begin_at(self, weights: Mapping[str, Tensor]) -> None:
+        """Take other initial weights, by name; raises RuntimeError where they are another network's."""
+        self.module.load_state_dict(weights)
+        self.averaged.load_state_dict(weights)
+
     def run(self, step: StepFunction, after: Callable[[], Figures] | None = None) -> None:
         """Train to the last iteration.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -39,6 +39,7 @@ class Job:
         seed: of initial weights and of what is drawn.
         place: device and precision.
         cache: folder of prepared data, where text features are kept, too.
+        start: puts finished weights into a loop that has not begun; None where it begins at random ones.
     """
 
     data: ClipSet
@@ -46,10 +47,14 @@ class Job:
     seed: int
     place: Placement
     cache: Path | None = None
+    start: Callable[[Loop], None] | None = None
 
     def loop(self, module: nn.Module, settings: LoopSettings) -> Loop:
         """The loop that trains a module, as far as it has come."""
-        return Loop(module, settings, self.folder, self.seed, self.place)
+        loop = Loop(module, settings, self.folder, self.seed, self.place)
+        if self.start is not None and loop.iteration == 0:
+            self.start(loop)
+        return loop
 
 
 @dataclass(frozen=True)
@@ -141,6 +146,7 @@ class Run(Generic[R]):
         iterations: instead of the recipe's, for every stage.
         where: device and precision; the CPU in float32 by default.
         weights: exported ones, by name or folder, whose networks stand for stages that this run has not trained.
+        start: exported ones, at whose networks training begins; at random ones by default.
         cache: folder of prepared data, which runs can share; one inside `out` by default.
         stages: those that the recipe has settings for.
     """
@@ -152,9 +158,11 @@ class Run(Generic[R]):
     iterations: int | None = None
     where: Placement = field(default_factory=Placement)
     weights: str | Path | None = None
+    start: str | Path | None = None
     cache: Path | None = None
 
     def __post_init__(self) -> None:
+        self._read = dict[str | Path | None, Mapping[str, nn.Module]]()
         self.stages = {each.name: each for each in self.plan.stages if getattr(self.recipe, each.name) is not None}
 
     @property
@@ -197,8 +205,10 @@ class Run(Generic[R]):
         if self.iterations is not None:
             loop = settings.loop.model_copy(update={"iterations": self.iterations})
             settings = settings.model_copy(update={"loop": loop})
+        start = None if self.start is None else partial(self._take_over, name, self.start)
         data = self.clips(["train"], True).on(self.where.device)
-        return stage.train(self, settings, Job(data, self.out / name, self.recipe.seed, self.where, self.prepared))
+        job = Job(data, self.out / name, self.recipe.seed, self.where, self.prepared, start)
+        return stage.train(self, settings, job)
 
     def finished(self, name: str) -> Loop:
         """The loop of a stage as it was left, on the CPU; its `averaged` is the result.
@@ -210,26 +220,29 @@ class Run(Generic[R]):
         settings: LoopSettings = getattr(self.recipe, name).loop
         loop = Loop(self.stages[name].build(self.recipe.model), settings, self.out / name, self.recipe.seed)
         if not self._trained(name):
-            self._take_over(name, loop)
+            assert self.weights is not None
+            self._take_over(name, self.weights, loop)
         loop.averaged.eval()
         return loop
 
-    def _take_over(self, name: str, loop: Loop) -> None:
-        """A stage's network from the exported weights; raises UserError where these are of other sizes."""
+    def _take_over(self, name: str, weights: str | Path, loop: Loop) -> None:
+        """Put a stage's network of exported weights into a loop; raises UserError where it is none of this config's."""
         try:
-            loop.averaged.load_state_dict(self._exported[name].state_dict())
+            loop.begin_at(self._networks(weights)[name].state_dict())
         except (KeyError, RuntimeError) as error:
-            raise UserError(f"weights '{self.weights}' hold no {name} of this config's networks") from error
+            raise UserError(f"weights '{weights}' hold no {name} of this config's networks") from error
 
-    @cached_property
-    def _exported(self) -> Mapping[str, nn.Module]:
-        return {} if self.weights is None else self.plan.exported(self.weights)
+    def _networks(self, weights: str | Path | None) -> Mapping[str, nn.Module]:
+        """Of exported weights, read once, by the stage that trained each."""
+        if weights not in self._read:
+            self._read[weights] = {} if weights is None else self.plan.exported(weights)
+        return self._read[weights]
 
     def _trained(self, name: str) -> bool:
         return (self.out / name / "state.safetensors").is_file()
 
     def _check(self, name: str) -> None:
-        if not self._trained(name) and name not in self._exported:
+        if not self._trained(name) and name not in self._networks(self.weights):
             raise UserError(f"'{self.out / name}' holds no trained {name}; train that stage first")
 
     def export(self) -> None:

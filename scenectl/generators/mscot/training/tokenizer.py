@@ -52,15 +52,17 @@ def train_tokenizer(config: TokenizerConfig, settings: TokenizerTraining, job: J
         drawn = job.data.draw(settings.frames[0], _SEEN, torch.Generator().manual_seed(job.seed))
         start_at_principal_components(model, drawn.features.cpu())
     loop = job.loop(model, settings.loop)
+    # Finished weights have codes.
+    continuous = settings.continuous if job.start is None else 0
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         features = job.data.draw_any(settings.frames, settings.loop.batch, generator)
         with place.autocast():
             latent = model.latent(features)
         latent, quantised = latent.float(), None
-        if iteration == settings.continuous:
+        if iteration == continuous and job.start is None:
             model.quantiser.initialise(latent.detach())
-        if iteration >= settings.continuous:
+        if iteration >= continuous:
             kept = _kept_scales(model, len(features), settings.dropout, generator).to(place.device)
             quantised = model.quantiser(latent, kept)
             latent = quantised.latent
@@ -74,7 +76,7 @@ def train_tokenizer(config: TokenizerConfig, settings: TokenizerTraining, job: J
         return loss, figures
 
     def after() -> Figures:
-        if loop.iteration < settings.continuous:
+        if loop.iteration < continuous:
             return {}
         return {REVIVED: model.quantiser.update_codebook(settings.decay, settings.revive_below)}
 

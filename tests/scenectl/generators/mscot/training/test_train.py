@@ -238,6 +238,22 @@ def test_stages_that_are_killed_end_as_if_they_had_not_been(
         assert same(weights_of(tmp_path / stage), weights_of(run / stage)), stage
 
 
+def test_training_begins_at_finished_weights(run: Path, recipe: Path, data: Path, tmp_path: Path) -> None:
+    finished, out = run / "weights", tmp_path / "run"
+    exported = dict(TRAINING.exported(finished))
+    for stage in STAGES:
+        train(stage, data, recipe, out, iterations=1, weights=finished, start=finished)
+        state = weights_of(out / stage)
+        assert float(state["moment.0.step"]) == 1  # one step away
+        for name, tensor in exported[stage].named_parameters():
+            torch.testing.assert_close(state[f"model.{name}"], tensor, atol=2e-3, rtol=0)
+    again = weights_of(out / "refiner")
+    train("refiner", data, recipe, out, iterations=1, start=BUNDLED / "default")  # it has begun: nothing is taken
+    assert same(weights_of(out / "refiner"), again)
+    with pytest.raises(UserError, match="hold no refiner of this config's networks"):
+        train("refiner", data, recipe, tmp_path / "other", weights=finished, start=BUNDLED / "default")
+
+
 def test_stages_need_those_before_them(recipe: Path, data: Path, tmp_path: Path) -> None:
     for stage in ("decoder", "refiner", "transformer", "export"):
         with pytest.raises(UserError, match="holds no trained tokenizer"):
