@@ -1,4 +1,4 @@
-"""Sentences: several of them about one person, said in one."""
+"""Sentences: several of them about one person, said in one; and one that says several things, taken apart."""
 
 from __future__ import annotations
 
@@ -14,8 +14,24 @@ _TURNED = 0.4
 """Share of the sentences that say "after" or "before", where they can."""
 _VERB = re.compile(r"^(?P<how>\w+ly )?(?:is (?P<doing>\w+ing)|(?P<verb>(?!is\b)\w+s))\b(?P<rest>.*)$")
 """A verb in the present, third person, first or behind an adverb."""
+_ACTION = re.compile(
+    rf"(?!(?:arms|hands|legs|feet|knees|elbows|fingers|shoulders|times|steps|stairs)\b){_VERB.pattern[1:]}"
+)
+"""A verb that may follow a comma, where nouns in the plural stand, too."""
 _MORE = re.compile(r" and | then |[,;]| (is|are) |\b(starts|stops|begins|keeps|continues) (to|\w+ing)\b")
 """What shows that there is a second verb."""
+_THEN = re.compile(r",? and then |,? and after that |, then | then |; ")
+"""What says that one thing comes after another."""
+_LISTED = re.compile(r",? and |, ")
+"""What stands between the things of a list."""
+_ORDER = re.compile(
+    r"(?:please )?(?:\w+ly )?(?:walk|run|jog|go|step|sidestep|turn|stop|stand|rise|get up|sit|crouch|duck|squat|kneel|climb"
+    r"|jump|hop|wave|bow|nod|clap|point|reach|lean|bend|pick|grab|take|lift|carry|bring|put|place|set|raise|lower|throw"
+    r"|kick|punch|dance|wait|look)\b"
+)
+"""A verb in the imperative, first."""
+_AFTER = re.compile(r"^after (?P<one>\w+ing\b[^,]*), (?P<rest>.+)$")
+_TURN = re.compile(r"^(?P<some>.+?),? (?P<how>after|before) (?P<other>(?:\w+ly )?\w+ing\b.*)$")
 _DOUBLED = re.compile(r"[^aeiou]*(qu)?[aeiou][^aeiouwxy]")
 """Verbs of one short syllable, whose last letter is doubled: sit, run, stop, squat."""
 _NOUN = r"(?:something|an? (?!seat\b|step\b)\w+(?: (?!(?:up|down|low|with|in|on|onto|from|off|to|and|behind)\b)\w+)*)"
@@ -99,6 +115,37 @@ def _listed(texts: Sequence[str], draw: random.Random) -> str:
         joint = ", " if i < len(texts) and draw.random() < 0.5 else draw.choice((*JOINTS, " and ") if plain else JOINTS)
         said += joint + text
     return said
+
+
+def apart(text: str) -> tuple[str, ...]:
+    """Sentences for the things that one sentence says one after another; the sentence itself where it says one.
+
+    The order is said by "then", "after" and "before", or by commas between verbs. Two verbs with a plain "and" between
+    them may be done at once ("crouches and walks"), and stay together.
+    """
+    plain = text.strip().rstrip(".")
+    if turned := _AFTER.match(plain):
+        who = SUBJECT.match(turned["rest"])
+        return (f"{who[0]}is {turned['one']}.", *apart(f"{turned['rest']}.")) if who else (text,)
+    who = SUBJECT.match(plain)
+    verb, said = (_ACTION, plain[who.end() :]) if who else (_ORDER, plain)
+    turn = _TURN.match(said) if who else None
+    things = [part for thing in _THEN.split(turn["some"] if turn else said) for part in _listed_verbs(thing, verb)]
+    if turn:
+        things.insert(0 if turn["how"] == "after" else len(things), f"is {turn['other']}")
+    if len(things) == 1 or not all(map(verb.match, things)):
+        return (text,)
+    return tuple(f"{who[0] if who else ''}{thing}." for thing in things)
+
+
+def _listed_verbs(said: str, verb: re.Pattern[str]) -> list[str]:
+    """The things of a list with commas, each of which begins with a verb; one where there is no such list."""
+    parts, begin, commas = list[str](), 0, False
+    for joint in _LISTED.finditer(said):
+        if verb.match(said[joint.end() :]):
+            parts.append(said[begin : joint.start()])
+            begin, commas = joint.end(), commas or "," in joint[0]
+    return [*parts, said[begin:]] if commas else [said]
 
 
 def also(text: str, how: str) -> str:

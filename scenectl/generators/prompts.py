@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
+from scenectl.data.sentences import apart
 from scenes.errors import UserError, clipped
 
 _SLACK = 1e-6
@@ -92,6 +93,18 @@ class Prompts:
         times = [(p.begin, self._end(i, math.inf)) for i, p in enumerate(self.sentences)]
         edges = [0.0, *((a[1] + b[0]) / 2 for a, b in pairwise(times)), None]
         return tuple(Prompt(p.text, a or 0.0, b) for p, a, b in zip(self.sentences, edges, edges[1:], strict=False))
+
+    def act_by_act(self, seconds: float) -> Prompts:
+        """A sentence of its own for each thing that one sentence says after another, over equal shares of its time.
+
+        A generator follows a sentence and its time better than the order of words in one (`scenectl bench sentences`).
+        """
+        told = list[Prompt]()
+        for i, prompt in enumerate(self.sentences):
+            parts, end = apart(prompt.text), self._end(i, seconds)
+            begins = [prompt.begin + (end - prompt.begin) * k / len(parts) for k in range(len(parts))]
+            told += [Prompt(*part) for part in zip(parts, begins, [*begins[1:], prompt.end], strict=True)]
+        return Prompts(tuple(told))
 
     def within(self, begin: float, end: float) -> Prompts:
         """What is said of a part of the motion, in seconds of that part."""

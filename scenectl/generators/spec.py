@@ -54,7 +54,7 @@ class Spec:
 def check_request(
     name: str, spec: Spec, prompts: Prompts | str, seconds: float, start: Pose2D, samples: int
 ) -> tuple[Prompts, int]:
-    """What a family is asked for: the sentences, one where it takes no more, and the frames.
+    """What a family is asked for: the sentences, act by act, or one where it takes no more, and the frames.
 
     Raises:
         UserError: no sentence, several for a family that takes one, one that begins too late, a length outside the
@@ -64,6 +64,8 @@ def check_request(
     if "sentences" not in spec.abilities:
         told.single(name)
     told.check(seconds)
+    if "sentences" in spec.abilities:
+        told = told.act_by_act(seconds)
     if not all(map(math.isfinite, (*start.position, start.heading))):
         raise UserError(f"the start is {start.position}, heading {start.heading:g}; give finite metres and radians")
     if samples < 1:

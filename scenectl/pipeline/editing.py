@@ -88,6 +88,7 @@ def edit(
     check(motion, regenerate, generator.spec)
     prompts = Prompts.of(prompt)
     prompts.check(motion.frames / motion.fps)
+    prompts = prompts.act_by_act(motion.frames / motion.fps)
     origin = origin_near(motion.joint("pelvis")[0].tolist()) if origin is None else origin
     whole, solver = on_own_bones(motion.seen_from(origin), ~regenerate), SolverSettings(iterations=iterations)
     ground, theirs = _ground(whole, ~regenerate), generator.spec.skeleton

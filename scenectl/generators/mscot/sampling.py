@@ -155,7 +155,8 @@ class MSCoT:
         draw = torch.Generator().manual_seed(seed)
         self._draw_tokens(state, self._text(told, state.windows, samples), guide, draw, progress or silent)
         step = self._refinable(state)
-        return Draft(step.motion, step, {"tilt_kl_nats": state.moved, "frames": state.frames})
+        trace = {"tilt_kl_nats": state.moved, "frames": state.frames, "told": [str(one) for one in told.sentences]}
+        return Draft(step.motion, step, trace)
 
     def _text(self, prompts: Prompts, windows: Windows, samples: int) -> TimedText:
         """What each window of every sample is told, then 'no text' for each (classifier-free guidance)."""

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from scenectl.data.sentences import doing, in_one
+from scenectl.data.sentences import apart, doing, in_one
 
 WALKS = ("a person walks forward.", "someone walks ahead.")
 SITS = ("a person sits down on a chair.",)
@@ -57,3 +57,30 @@ def test_wordings_vary_and_are_the_same_again() -> None:
 
 def test_one_thing_is_said_as_it_is() -> None:
     assert in_one([SITS]) == SITS
+
+
+def test_what_was_said_in_one_comes_apart_in_order() -> None:
+    texts = [text for text in in_one([WALKS, SITS, WAVES], most=60) if not re.search("(?<!,) and (?!then)", text)]
+    assert len(texts) > 10
+    for text in texts:
+        verbs = [re.findall("walk|sit|wav", part) for part in apart(text)]
+        assert verbs == [["walk"], ["sit"], ["wav"]], text
+        assert all(re.match(r"(a person|someone|the person) \w+s .*\.$", f"{part[:-1]} .") for part in apart(text))
+
+
+@pytest.mark.parametrize(
+    ("says", "parts"),
+    [
+        ("a person walks forward, then waves.", ("a person walks forward.", "a person waves.")),
+        ("after walking a bit, she stops and waves", ("she is walking a bit.", "she stops and waves.")),
+        ("he waves before sitting down.", ("he waves.", "he is sitting down.")),
+        ("walk to the armchair, sit down, wave", ("walk to the armchair.", "sit down.", "wave.")),
+        ("a person rises, then slows down and stops", ("a person rises.", "a person slows down and stops.")),
+        *((text, (text,)) for text in (
+            "a person crouches and walks.", "a person walks in a circle, arms wide.", "walking, slow, tired",
+            "a person walks and then", "a person walks with hands, arms and legs stiff", "then", "", "a dance, then",
+        )),
+    ],
+)  # fmt: skip
+def test_what_may_be_done_at_once_stays_together(says: str, parts: tuple[str, ...]) -> None:
+    assert apart(says) == parts

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from scenectl.generators.prompts import Prompt, Prompts
-from scenectl.generators.spec import Spec, check_request
+from scenectl.generators.spec import Ability, Spec, check_request
 from scenes.errors import UserError
 from scenes.motion.motion import Pose2D
 
@@ -55,6 +55,19 @@ def test_a_sentence_about_all_stays_one_in_every_part() -> None:
     for prompts in (Prompts.of("walks"), TIMELINE.within(6.5, 7.0)):
         assert prompts.within(2.0, 5.0).single("any") == prompts.sentences[0].text == str(prompts)
     assert str(TIMELINE) == "1 s to 3 s: walks; 4 s: turns; 6 s to 8 s: sits"
+
+
+def test_things_said_in_one_sentence_share_its_time() -> None:
+    told = Prompts((Prompt("he walks, then waves", 0.0, 4.0), Prompt("he turns, sits down, and rests", 5.0)))
+    apart = told.act_by_act(8.0)
+    assert [(p.text, p.begin, p.end) for p in apart.sentences] == [
+        ("he walks.", 0.0, 2.0), ("he waves.", 2.0, 4.0),
+        ("he turns.", 5.0, 6.0), ("he sits down.", 6.0, 7.0), ("he rests.", 7.0, None),
+    ]  # fmt: skip
+    assert apart.act_by_act(8.0) == apart and TIMELINE.act_by_act(10.0) == TIMELINE
+    for abilities, count in ((frozenset[Ability](), 1), (frozenset[Ability]({"sentences"}), 2)):
+        spec = Spec(20.0, 1.0, 10.0, 10.0, abilities)
+        assert len(check_request("any", spec, "he walks, then waves", 4.0, Pose2D(), 1)[0].sentences) == count
 
 
 @pytest.mark.parametrize(
