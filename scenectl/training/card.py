@@ -11,6 +11,7 @@ from scenectl.data.features import FPS
 from scenectl.training.loop import Loop
 from scenes.files import atomic_write, write_json
 
+_WRITTEN = ("## Data", "## Training", "## Figures on the test split")
 _COLUMNS = ("part", "iterations", "minutes", "parameters", "last loss", "frames a second")
 
 
@@ -29,6 +30,8 @@ def write_card(
     tables: Sequence[str],
 ) -> None:
     """Write `MODEL_CARD.md`, `metrics.json` and `curves.png` beside the weights.
+
+    Sections that somebody has added to an earlier card, under titles of their own, stay.
 
     Args:
         folder: of the weights.
@@ -49,7 +52,7 @@ def write_card(
         "",
         f"**Licence of the weights:** {licence}",
         "",
-        "## Data",
+        _WRITTEN[0],
         "",
         f"{data.recorded_hours:.2f} hours as recorded at 20 fps, {data.hours:.2f} with augmented copies, which the "
         "tables count.",
@@ -59,20 +62,32 @@ def write_card(
         "",
         *(f"- {credit}" for credit in credits),
         "",
-        "## Training",
+        _WRITTEN[1],
         "",
         *table(_COLUMNS, (_row(part, loop) for part, loop in loops.items())),
         "",
         *remarks,
         "![loss curves](curves.png)",
         "",
-        "## Figures on the test split",
+        *_added(folder / "MODEL_CARD.md"),
+        _WRITTEN[2],
         "",
         *tables,
         "",
     ]
     with atomic_write(folder / "MODEL_CARD.md", "w") as file:
         file.write("\n".join(lines))
+
+
+def _added(card: Path) -> list[str]:
+    """Lines of a card's sections that are not written here."""
+    if not card.is_file():
+        return []
+    lines, kept = list[str](), False
+    for line in card.read_text(encoding="utf-8").splitlines():
+        kept = line not in _WRITTEN if line.startswith("## ") else kept
+        lines += [line] if kept else []
+    return lines
 
 
 def _hours_table(what: str, frames: Mapping[str, int]) -> list[str]:

@@ -153,6 +153,17 @@ def test_bundled_weights_are_known_by_name_to_tasks_and_generators(
         assert Task.model_validate(given).generator.weights == wanted
 
 
+def test_what_somebody_wrote_in_a_card_stays(run: Path, recipe: Path, data: Path, tmp_path: Path) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    card = tmp_path / "run" / "weights" / "MODEL_CARD.md"
+    before = card.read_text()
+    own = "## What it can't do\n\nIt sits on air.\n\n"
+    added = before.replace("## Figures on", own + "## Figures on")
+    card.write_text(added)
+    train("export", data, recipe, tmp_path / "run")
+    assert card.read_text() == added != before
+
+
 def test_a_run_leaves_a_card_and_figures(run: Path) -> None:
     weights = run / "weights"
     assert {p.name for p in weights.iterdir()} == {
