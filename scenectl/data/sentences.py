@@ -25,8 +25,8 @@ _THEN = re.compile(r",? and then |,? and after that |, then | then |; ")
 _LISTED = re.compile(r",? and |, ")
 """What stands between the things of a list."""
 _ORDER = re.compile(
-    r"(?:please )?(?:\w+ly )?(?:walk|run|jog|go|step|sidestep|turn|stop|stand|rise|get up|sit|crouch|duck|squat|kneel|climb"
-    r"|jump|hop|wave|bow|nod|clap|point|reach|lean|bend|pick|grab|take|lift|carry|bring|put|place|set|raise|lower|throw"
+    r"(?:please )?(?:\w+ly )?(?:walk|run|jog|go|step|sidestep|turn|stop|stand|rise|get up|sit|crouch|duck|squat|kneel"
+    r"|climb|jump|hop|wave|bow|nod|clap|point|reach|lean|bend|pick|grab|take|lift|carry|bring|put|place|set|raise|lower|throw"
     r"|kick|punch|dance|wait|look)\b"
 )
 """A verb in the imperative, first."""
