@@ -14,9 +14,7 @@ _TURNED = 0.4
 """Share of the sentences that say "after" or "before", where they can."""
 _VERB = re.compile(r"^(?P<how>\w+ly )?(?:is (?P<doing>\w+ing)|(?P<verb>(?!is\b)\w+s))\b(?P<rest>.*)$")
 """A verb in the present, third person, first or behind an adverb."""
-_ACTION = re.compile(
-    rf"(?!(?:arms|hands|legs|feet|knees|elbows|fingers|shoulders|times|steps|stairs)\b){_VERB.pattern[1:]}"
-)
+_ACTION = re.compile(rf"(?!(?:arms|hands|legs|feet|knees|elbows|fingers|shoulders)\b){_VERB.pattern[1:]}")
 """A verb that may follow a comma, where nouns in the plural stand, too."""
 _MORE = re.compile(r" and | then |[,;]| (is|are) |\b(starts|stops|begins|keeps|continues) (to|\w+ing)\b")
 """What shows that there is a second verb."""
@@ -30,6 +28,11 @@ _ORDER = re.compile(
     r"|kick|punch|dance|wait|look)\b"
 )
 """A verb in the imperative, first."""
+_ENDS = re.compile(
+    r"(?:\w+ly )?(?:stop|halt|bow|nod|duck|jump|climb|pick|put|place|set|grab|take|drop|lift|throw|kick|punch|rise"
+    r"|(?:sit|lie|kneel|squat|bend)s? down|(?:stand|get)s? up|turns? (?:around|back))(?:s|es)?\b"
+)
+"""What is done at some moment, so that nothing else goes on through it."""
 _AFTER = re.compile(r"^after (?P<one>\w+ing\b[^,]*), (?P<rest>.+)$")
 _TURN = re.compile(r"^(?P<some>.+?),? (?P<how>after|before) (?P<other>(?:\w+ly )?\w+ing\b.*)$")
 _DOUBLED = re.compile(r"[^aeiou]*(qu)?[aeiou][^aeiouwxy]")
@@ -120,8 +123,9 @@ def _listed(texts: Sequence[str], draw: random.Random) -> str:
 def apart(text: str) -> tuple[str, ...]:
     """Sentences for the things that one sentence says one after another; the sentence itself where it says one.
 
-    The order is said by "then", "after" and "before", or by commas between verbs. Two verbs with a plain "and" between
-    them may be done at once ("crouches and walks"), and stay together.
+    The order is said by "then", "after" and "before", by commas between verbs, or by a plain "and" beside something that
+    is done at some moment ("walks and sits down"). Other things with a plain "and" between them may be done at once
+    ("crouches and walks"), and stay together.
     """
     plain = text.strip().rstrip(".")
     if turned := _AFTER.match(plain):
@@ -139,13 +143,14 @@ def apart(text: str) -> tuple[str, ...]:
 
 
 def _listed_verbs(said: str, verb: re.Pattern[str]) -> list[str]:
-    """The things of a list with commas, each of which begins with a verb; one where there is no such list."""
+    """The things of a list, each of which begins with a verb, where they can't be done at once; else one."""
     parts, begin, commas = list[str](), 0, False
     for joint in _LISTED.finditer(said):
         if verb.match(said[joint.end() :]):
             parts.append(said[begin : joint.start()])
             begin, commas = joint.end(), commas or "," in joint[0]
-    return [*parts, said[begin:]] if commas else [said]
+    parts.append(said[begin:])
+    return parts if commas or any(map(_ENDS.match, parts)) else [said]
 
 
 def also(text: str, how: str) -> str:

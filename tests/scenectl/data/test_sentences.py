@@ -72,13 +72,16 @@ def test_what_was_said_in_one_comes_apart_in_order() -> None:
     ("says", "parts"),
     [
         ("a person walks forward, then waves.", ("a person walks forward.", "a person waves.")),
-        ("after walking a bit, she stops and waves", ("she is walking a bit.", "she stops and waves.")),
+        ("after walking a bit, she stops and waves", ("she is walking a bit.", "she stops.", "she waves.")),
+        ("someone walks ahead and sits down.", ("someone walks ahead.", "someone sits down.")),
+        ("walk to the box and pick it up", ("walk to the box.", "pick it up.")),
+        ("a person steps left, then turns around", ("a person steps left.", "a person turns around.")),
         ("he waves before sitting down.", ("he waves.", "he is sitting down.")),
         ("walk to the armchair, sit down, wave", ("walk to the armchair.", "sit down.", "wave.")),
-        ("a person rises, then slows down and stops", ("a person rises.", "a person slows down and stops.")),
+        ("a person rises, then slows down and stops", ("a person rises.", "a person slows down.", "a person stops.")),
         *((text, (text,)) for text in (
-            "a person crouches and walks.", "a person walks in a circle, arms wide.", "walking, slow, tired",
-            "a person walks and then", "a person walks with hands, arms and legs stiff", "then", "", "a dance, then",
+            "a person crouches and walks.", "a person walks forward and turns left.", "walking, slow, tired",
+            "a person walks in a circle, arms wide.", "a person walks and then", "a person walks with hands, arms and legs stiff", "then", "", "a dance, then",
         )),
     ],
 )  # fmt: skip
