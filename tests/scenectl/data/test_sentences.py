@@ -81,7 +81,8 @@ def test_what_was_said_in_one_comes_apart_in_order() -> None:
         ("a person rises, then slows down and stops", ("a person rises.", "a person slows down.", "a person stops.")),
         *((text, (text,)) for text in (
             "a person crouches and walks.", "a person walks forward and turns left.", "walking, slow, tired",
-            "a person walks in a circle, arms wide.", "a person walks and then", "a person walks with hands, arms and legs stiff", "then", "", "a dance, then",
+            "a person walks in a circle, arms wide.", "a person walks and then",
+            "a person walks with hands, arms and legs stiff", "then", "", "a dance, then",
         )),
     ],
 )  # fmt: skip
