@@ -123,7 +123,7 @@ def _listed(texts: Sequence[str], draw: random.Random) -> str:
 def apart(text: str) -> tuple[str, ...]:
     """Sentences for the things that one sentence says one after another; the sentence itself where it says one.
 
-    The order is said by "then", "after" and "before", by commas between verbs, or by a plain "and" beside something that
+    The order is said by "then", "after" and "before", by commas between verbs, or by a plain "and" beside what
     is done at some moment ("walks and sits down"). Other things with a plain "and" between them may be done at once
     ("crouches and walks"), and stay together.
     """
