@@ -25,7 +25,7 @@ from scenectl.data.sentences import in_one
 from scenes.errors import UserError
 from scenes.files import atomic_write, sweep
 
-_FORMAT = 13
+_FORMAT = 14
 """Raised whenever prepared data must be made again."""
 
 SEQUENCES = 3.0

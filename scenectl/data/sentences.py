@@ -10,6 +10,12 @@ SUBJECT = re.compile(r"^(a person|someone|the person|a man|a woman|a human|he|sh
 """What the sentences of the collection begin with."""
 JOINTS = (", then ", " and then ", ", and then ", ", and after that ")
 """Between one thing and the next; a plain "and" as well, where neither has one of its own."""
+_RESTS = re.compile(
+    r"^(?:a person|someone|the person|a man|a woman|a human|he|she|they) (?:just |simply )?"
+    r"(?:stands(?! up)|is (?:standing(?! up)|sitting(?! down)|seated|waiting|idle|still)|sits(?! down)|rests|waits"
+    r"|(?:stays|remains) (?:seated|sitting|standing|still|in place))\b(?!.*\band (?!waits|does nothing))"
+)
+"""What says no more than that somebody is at rest."""
 _TURNED = 0.4
 """Share of the sentences that say "after" or "before", where they can."""
 _VERB = re.compile(r"^(?P<how>\w+ly )?(?:is (?P<doing>\w+ing)|(?P<verb>(?!is\b)\w+s))\b(?P<rest>.*)$")
@@ -51,16 +57,21 @@ _GOES = re.compile(r"(?:\w+ly )?(?:walk|run|jog|sneak|stride|march)s")
 def in_one(captions: Sequence[Sequence[str]], most: int = 6) -> tuple[str, ...]:
     """Sentences that say several things in their order: "a person walks forward, then sits down".
 
-    Some turn the order of the words and not that of the things: "after walking forward, a person sits down".
+    Some turn the order of the words and not that of the things: "after walking forward, a person sits down". About half
+    of them leave out a rest at the beginning or end: who sits down may have stood before, and sits after.
 
     Args:
         captions: of each thing, sentences that say it.
         most: how many are made, each of other sentences and joined in another way; equal ones count once.
     """
     draw = random.Random("|".join(text for texts in captions for text in texts))
-    again = [texts in captions[:i] for i, texts in enumerate(captions)]
-    some = ([draw.choice(list(texts)) for texts in captions] for _ in range(most))
-    return tuple(dict.fromkeys(_joined(texts, again, draw) for texts in some))
+    busy = [i for i, texts in enumerate(captions) if not all(map(_RESTS.search, texts))]
+    made = list[str]()
+    for _ in range(most):
+        told = captions[busy[0] : busy[-1] + 1] if busy and draw.random() < 0.5 else captions
+        again = [texts in told[:i] for i, texts in enumerate(told)]
+        made.append(_joined([draw.choice(list(texts)) for texts in told], again, draw))
+    return tuple(dict.fromkeys(made))
 
 
 def _joined(texts: Sequence[str], again: Sequence[bool], draw: random.Random) -> str:

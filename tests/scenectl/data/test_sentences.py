@@ -55,6 +55,18 @@ def test_wordings_vary_and_are_the_same_again() -> None:
     assert made == in_one([WALKS, SITS, WAVES], most=30)
 
 
+def test_rests_at_the_ends_may_be_left_unsaid() -> None:
+    stands, seated = ("a person stands still.", "someone waits."), ("a person sits.", "the person remains seated.")
+    texts = set(in_one([stands, SITS, seated], most=60))
+    unsaid = [text for text in texts if not re.search("stand|wait|sits\\.|sits (before|after)|seated|sitting", text)]
+    assert unsaid == ["a person sits down on a chair."] and len(texts) > 6
+    for between in ([WALKS, stands, WAVES], [WALKS, WAVES]):  # one on the way is told
+        assert all(len(re.findall("walk|stand|wait|wav", text)) == len(between) for text in in_one(between, most=60))
+    assert all(re.search("still|wait", text) for text in in_one([stands], most=20))
+    leans = ("a person stands and leans on a wall.",)
+    assert all("lean" in text for text in in_one([leans, SITS], most=20))
+
+
 def test_one_thing_is_said_as_it_is() -> None:
     assert in_one([SITS]) == SITS
 
