@@ -19,8 +19,9 @@ from scenectl.data.clips import ClipSet, Drawn, Told
 from scenectl.networks.text import Said, TextEncoder, TimedText
 from scenes.files import atomic_write
 
-SHOWN = 8
-"""Frames of an act that a window shows at least, or half of a short act, for its caption to be about the window."""
+SHOWN, MOSTLY = 16, 2 / 3
+"""Frames of an act that a window shows at least, or share of a short act, for its caption to be about the window: what is
+told of somebody who sits down shall not be the last moments of it and then seconds on a seat."""
 
 _BATCH = 64
 """Texts that are encoded at once."""
@@ -143,13 +144,18 @@ class Captions:
 def sentences(told: Sequence[Told], offset: int, frames: int, draw: random.Random) -> list[Told]:
     """What is said of a window of a clip, in frames of the window: one stretch, or one after another, without gaps."""
     acts = [one for one in told[1:] if one.acts == 1] if told[0].acts > 1 else told[:1]
-    shown = [one for one in acts if _overlap(one, offset, frames) >= min(SHOWN, (one.end - one.begin) / 2)]
+    shown = [one for one in acts if _overlap(one, offset, frames) >= enough(one.end - one.begin)]
     shown = shown or [max(acts, key=lambda one: _overlap(one, offset, frames))]
     if len(shown) > 1 and draw.random() < 0.5:
         edges = [0, *(one.begin - offset for one in shown[1:]), frames]
         return [one._replace(begin=a, end=b) for one, a, b in zip(shown, edges[:-1], edges[1:], strict=True)]
     joint = next(one for one in told if (one.begin, one.acts) == (shown[0].begin, len(shown)))
     return [joint._replace(begin=0, end=frames)]
+
+
+def enough(frames: int) -> float:
+    """How many of an act's frames a window shows at least for its caption to be about the window."""
+    return min(float(SHOWN), MOSTLY * frames)
 
 
 def _overlap(told: Told, offset: int, frames: int) -> int:

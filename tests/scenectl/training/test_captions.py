@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 from scenectl.data.clips import ClipSet, Drawn, Told, prepare, told
 from scenectl.data.corpus import Act, Clip
 from scenectl.networks.text import TextFeatures, TimedText
-from scenectl.training.captions import SHOWN, Captions, sentences
+from scenectl.training.captions import Captions, enough, sentences
 from tests.scenectl.small import Words
 from tests.scenectl.training.folder import walks
 
@@ -102,11 +102,9 @@ def test_what_is_said_of_a_window_covers_it_and_is_of_acts_that_it_shows(
     assert all(a.end == b.begin and a.begin < a.end for a, b in zip(said[:-1], said[1:], strict=True))
     acts = [one for one in told(clip)[1:] if one.acts == 1] or told(clip)
     seen = [(act, min(act.end, offset + frames) - max(act.begin, offset)) for act in acts]
-    assert sum(one.acts for one in said) == max(1, sum(n >= min(SHOWN, (act.end - act.begin) / 2) for act, n in seen))
+    assert sum(one.acts for one in said) == max(1, sum(n >= enough(act.end - act.begin) for act, n in seen))
     if len(said) > 1:
-        assert [one.captions for one in said] == [
-            act.captions for act, n in seen if n >= min(SHOWN, (act.end - act.begin) / 2)
-        ]
+        assert [one.captions for one in said] == [act.captions for act, n in seen if n >= enough(act.end - act.begin)]
 
 
 def test_a_clip_that_shows_one_thing_is_told_so(tmp_path: Path) -> None:
