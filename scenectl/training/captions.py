@@ -20,8 +20,8 @@ from scenectl.networks.text import Said, TextEncoder, TimedText
 from scenes.files import atomic_write
 
 SHOWN, MOSTLY = 16, 2 / 3
-"""Frames of an act that a window shows at least, or share of a short act, for its caption to be about the window: what is
-told of somebody who sits down shall not be the last moments of it and then seconds on a seat."""
+"""Frames of an act that a window shows at least, or share of a short act, for its caption to be about the window: what
+is told of somebody who sits down shall not be the last moments of it and then seconds on a seat."""
 
 _BATCH = 64
 """Texts that are encoded at once."""
