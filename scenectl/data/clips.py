@@ -153,6 +153,15 @@ class ClipSet:
         length = lengths[int(torch.randint(len(lengths), (), generator=generator))]
         return self.draw(length, max(1, batch * lengths[0] // length), generator).features
 
+    def draw_length(self, shortest: int, longest: int, step: int, generator: torch.Generator) -> int:
+        """Length of windows, from `shortest` to `longest` in steps: of a clip drawn as for `draw`, all of it or less.
+
+        Drawn evenly, few windows would be as short as the clips that show one act that is soon done.
+        """
+        clip = torch.multinomial(self._weights(shortest), 1, generator=generator)
+        most = min(longest, int(self.lengths[clip])) // step
+        return step * int(torch.randint(shortest // step, most + 1, (), generator=generator))
+
     def _weights(self, length: int) -> Float[Tensor, " C"]:
         return weights(self.lengths, self.groups, length)
 

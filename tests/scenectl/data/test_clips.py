@@ -73,6 +73,18 @@ def test_windows_on_a_device_are_cut_there() -> None:
     assert torch.equal(clips, data.draw(8, 20, seeded(4))[1])  # the same clips as on the CPU
 
 
+def test_windows_are_as_short_as_clips() -> None:
+    generator = torch.Generator().manual_seed(0)
+    clips = numbered([41, 36, 20, 300], ["sit down", "sit down", "wave", "walk"])
+    drawn = [clips.draw_length(36, 196, 4, generator) for _ in range(2000)]
+    assert set(drawn) == set(range(36, 200, 4))
+    short = clips._weights(36)[:2].sum() / clips._weights(36).sum()  # 36 or 40 frames, or 36; the third clip never
+    expected = float(short) + (1 - float(short)) * 2 / 41
+    assert abs(sum(frames <= 40 for frames in drawn) / len(drawn) - expected) < 0.04
+    with pytest.raises(UserError, match="no clip of the training data has 304 frames"):
+        clips.draw_length(304, 400, 4, generator)
+
+
 def test_a_group_is_drawn_by_the_square_root_of_its_size() -> None:
     data = numbered([40] * 20, ["big"] * 16 + ["small"] * 4)
     _, clips, _ = data.draw(20, 6000, seeded(0))

@@ -25,7 +25,7 @@ class TransformerTraining(Table):
 
     Attributes:
         loop: length and speed; `batch` is for windows of 64 frames, and shrinks with longer ones.
-        min_frames, max_frames: window lengths, drawn for each batch in steps of four frames.
+        min_frames, max_frames: window lengths, drawn for each batch as clips are long, in steps of four frames.
         drop_text: probability of training a sample without text (classifier-free guidance).
         corrupt: share of prefix tokens replaced by random ones, as its own mistakes will be when it generates.
         smoothing: label smoothing.
@@ -56,10 +56,10 @@ def train_transformer(
     loop = job.loop(model, settings.loop)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
-        low, high = settings.min_frames // DOWNSAMPLING, settings.max_frames // DOWNSAMPLING
-        finest = int(torch.randint(low, high + 1, (), generator=generator))
+        frames = data.draw_length(settings.min_frames, settings.max_frames, DOWNSAMPLING, generator)
+        finest = frames // DOWNSAMPLING
         batch = max(4, settings.loop.batch * 16 // finest)
-        windows = data.draw(finest * DOWNSAMPLING, batch, generator)
+        windows = data.draw(frames, batch, generator)
         tokens = tokenizer.encode(windows.features)
         drop = torch.rand(batch, generator=generator) < settings.drop_text
         prompt = place.text(captions.of_windows(windows, DOWNSAMPLING, generator))
@@ -70,7 +70,7 @@ def train_transformer(
         loss = F.cross_entropy(logits, target, label_smoothing=settings.smoothing)
         figures: Figures = {
             "cross_entropy": F.cross_entropy(logits.detach(), target),
-            FRAMES: float(batch * finest * DOWNSAMPLING),
+            FRAMES: float(batch * frames),
         }
         return loss, figures
 
