@@ -109,7 +109,7 @@ def test_people_walk_down_a_slope_as_well_as_up() -> None:
 
 def test_people_walk_down_steps() -> None:
     scene = steps(0.17, 4, 0.3)
-    task = Task(prompt="a person walks forward", scene=scene, start=[0.0, 2.6], walk={"to": [0.0, -1.5]})
+    task = Task(prompt="a person descends some steps", scene=scene, start=[0.0, 2.6], walk={"to": [0.0, -1.5]})
     result = run(task, samples=4)
     motion = result.motion[0]
     feet = motion.select(FEET)

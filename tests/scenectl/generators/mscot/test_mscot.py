@@ -130,7 +130,7 @@ def test_the_tilt_is_clipped_so_that_the_prior_keeps_a_say(pull: float) -> None:
 
 
 def test_coarse_scales_are_tilted_less_and_the_first_sample_least() -> None:
-    sampling = Sampling(clip_nats=8.0)
+    sampling = Sampling(clip_nats=8.0, clip_coarsest=0.25)
     most = torch.stack([clip_at(sampling, k, 10, 3) for k in range(10)])
     assert most[0].tolist() == [2.0, 5.0, 8.0] and most[-1].tolist() == [8.0] * 3
     assert (most.diff(dim=0) >= 0).all() and (most.diff(dim=1) >= 0).all()
