@@ -29,8 +29,7 @@ class Sampling(Table):
             is kept; 1 keeps all.
         clip_nats: largest spread of a position's tilt between codes (nats) at the finest scale: an unclipped tilt can
             overrule the prior altogether (at 20, four of 32 walkers with a goal behind a free start went backwards, at
-            12 none). Coarser scales may be tilted less (`posterior.clip_at`). 0 leaves tilts as
-            they are.
+            12 none). Coarser scales may be tilted less (`posterior.clip_at`). 0 leaves tilts as they are.
         clip_coarsest: share of that spread for the coarsest scale of the first sample.
     """
 
