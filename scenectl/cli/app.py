@@ -39,11 +39,11 @@ def entry() -> None:
     that the system would not free; what is to be done at the end (`atexit`) is done, and all output is written.
     """
     interrupts.watch()
-    from scenectl.console import streams
-
-    streams.prepare()
     status: int | str | None = 0
     try:
+        from scenectl.console import streams
+
+        streams.prepare()
         main()
     except SystemExit as leaving:
         status = leaving.code

@@ -69,8 +69,8 @@ def interrupted(after: float, *words: object) -> tuple[int, str]:
     # As a terminal starts it: a shell that starts something behind its back lets it ignore interrupts.
     code = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from scenectl.cli.app import entry, interrupts; interrupts.watch(); "
-        "print('begun', file=sys.stderr, flush=True); entry()"
+        "from scenectl.cli import app; main = app.main; "
+        "app.main = lambda: (print('begun', file=sys.stderr, flush=True), main()); app.entry()"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code, *map(str, words)], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
