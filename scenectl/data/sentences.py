@@ -6,12 +6,13 @@ import random
 import re
 from collections.abc import Sequence
 
-SUBJECT = re.compile(r"^(a person|someone|the person|a man|a woman|a human|he|she|they) (?=\w)")
+_WHO = "a person|someone|the person|a man|a woman|a human|he|she|they"
+SUBJECT = re.compile(rf"^({_WHO}) (?=\w)")
 """What the sentences of the collection begin with."""
 JOINTS = (", then ", " and then ", ", and then ", ", and after that ")
 """Between one thing and the next; a plain "and" as well, where neither has one of its own."""
 _RESTS = re.compile(
-    r"^(?:a person|someone|the person|a man|a woman|a human|he|she|they) (?:just |simply )?"
+    rf"^(?:{_WHO}) (?:just |simply )?"
     r"(?:stands(?! up)|is (?:standing(?! up)|sitting(?! down)|seated|waiting|idle|still)|sits(?! down)|rests|waits"
     r"|(?:stays|remains) (?:seated|sitting|standing|still|in place))\b(?!.*\band (?!waits|does nothing))"
 )

@@ -28,8 +28,8 @@ class Sampling(Table):
         top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
             is kept; 1 keeps all.
         clip_nats: largest spread of a position's tilt between codes (nats) at the finest scale: an unclipped tilt can
-            overrule the prior altogether (at 20, four of 32 walkers with a goal behind a free start went backwards, at
-            12 none). Coarser scales may be tilted less (`posterior.clip_at`). 0 leaves tilts as they are.
+            overrule the prior altogether, so that a walker whose goal is behind a free start goes backwards. Coarser
+            scales may be tilted less (`posterior.clip_at`). 0 leaves tilts as they are.
         clip_coarsest: share of that spread for the coarsest scale of the first sample.
     """
 
