@@ -28,9 +28,18 @@ from scenes.files import atomic_write, sweep
 _FORMAT = 14
 """Raised whenever prepared data must be made again."""
 
-SEQUENCES = 3.0
-"""Sequences of acts are drawn so many times as often as their size says: nothing is harder to learn than several things
-in one sentence, and every one of them shows several kinds."""
+OFTEN = {
+    COMPOSED: 3.0,
+    "sit down": 3.0,
+    "stand up": 3.0,
+    "pick up": 2.0,
+    "put down": 2.0,
+    "bandai: walk-turn-left": 2.0,
+    "bandai: walk-turn-right": 2.0,
+}
+"""How many times as often as their size says some kinds are drawn. Nothing is harder to learn than several things in one
+sentence, and every sequence shows several kinds; the others are those that `bench generator` recognised least often
+when all kinds were drawn as their size says."""
 
 _MOST = 2000
 """Clips that a measure looks at, at most: more change no figure that a card prints."""
@@ -154,13 +163,15 @@ class ClipSet:
         return self.draw(length, max(1, batch * lengths[0] // length), generator).features
 
     def draw_length(self, shortest: int, longest: int, step: int, generator: torch.Generator) -> int:
-        """Length of windows, from `shortest` to `longest` in steps: of a clip drawn as for `draw`, all of it or less.
+        """Length of windows, from `shortest` to `longest` in steps: of a clip drawn as for `draw`, all of it or, as
+        often, any part.
 
         Drawn evenly, few windows would be as short as the clips that show one act that is soon done.
         """
         clip = torch.multinomial(self._weights(shortest), 1, generator=generator)
         most = min(longest, int(self.lengths[clip])) // step
-        return step * int(torch.randint(shortest // step, most + 1, (), generator=generator))
+        part = int(torch.randint(shortest // step, most + 1, (), generator=generator))
+        return step * (most if torch.rand((), generator=generator) < 0.5 else part)
 
     def _weights(self, length: int) -> Float[Tensor, " C"]:
         return weights(self.lengths, self.groups, length)
@@ -185,7 +196,7 @@ def weights(lengths: Int[Tensor, " C"], groups: Sequence[str], length: int) -> F
     names = {name: i for i, name in enumerate(sorted(set(groups)))}
     group = torch.tensor([names[name] for name in groups])
     size = torch.zeros(len(names)).index_add_(0, group, room)
-    often = torch.tensor([SEQUENCES if name == COMPOSED else 1.0 for name in names])
+    often = torch.tensor([OFTEN.get(name, 1.0) for name in names])
     return room / size[group].clamp_min(1e-9).sqrt() * often[group]
 
 
