@@ -79,8 +79,10 @@ def test_windows_are_as_short_as_clips() -> None:
     drawn = [clips.draw_length(36, 196, 4, generator) for _ in range(2000)]
     assert set(drawn) == set(range(36, 200, 4))
     short = clips._weights(36)[:2].sum() / clips._weights(36).sum()  # 36 or 40 frames, or 36; the third clip never
-    expected = float(short) + (1 - float(short)) * 2 / 41
+    expected = float(short) + (1 - float(short)) * 0.5 * 2 / 41
     assert abs(sum(frames <= 40 for frames in drawn) / len(drawn) - expected) < 0.04
+    whole = (1 - float(short)) * (0.5 + 0.5 / 41)  # half of the windows are as long as clips or networks allow
+    assert abs(drawn.count(196) / len(drawn) - whole) < 0.04
     with pytest.raises(UserError, match="no clip of the training data has 304 frames"):
         clips.draw_length(304, 400, 4, generator)
 
