@@ -22,13 +22,13 @@ from objectives.parameters import (
 from objectives.registry import (
     GoalSpec as GoalSpec,
     Masked as Masked,
-    Parameter as Parameter,
     forget as forget,
     get_goal as get_goal,
     goal as goal,
     goals as goals,
 )
 from objectives.report import TermReport as TermReport
+from objectives.signatures import Parameter as Parameter
 from objectives.term import Assessed as Assessed, Evaluated as Evaluated, Term as Term
 from objectives.tracks import (
     Arc as Arc,

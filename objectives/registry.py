@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives.aims import A_METRE, Aim
-from objectives.docstrings import meanings
 from objectives.kernels import KERNELS, REDUCTIONS, Kernel, Reduction
 from objectives.marks import Mark
-from objectives.parameters import describe, parse
+from objectives.signatures import Parameter, checked, parameters_of, summary_of
 from scenes.errors import UserError, clipped, did_you_mean
 
 TERM_KEYS = (
@@ -80,21 +78,6 @@ F = TypeVar("F", bound=GoalFunction)
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """One parameter of a goal: name, type in words, default (`...` where it must be stated), meaning."""
-
-    name: str
-    type: str
-    default: Any
-    doc: str
-    hint: Any
-
-    @property
-    def required(self) -> bool:
-        return self.default is ...
-
-
-@dataclass(frozen=True)
 class GoalSpec:
     """A registered goal: the function, how its residual becomes a cost, and what it can be told.
 
@@ -144,18 +127,7 @@ class GoalSpec:
             UserError: one sentence for an unknown or missing parameter, or a value that does not fit.
         """
         label = label or f"goal '{self.name}'"
-        for key in given:
-            if key not in self.parameters:
-                known = {*self.parameters, *TERM_KEYS} - {"use"}
-                raise UserError(f"{label}: unknown parameter '{key}'{did_you_mean(key, known)}")
-        for parameter in self.parameters.values():
-            if parameter.required and parameter.name not in given:
-                meaning = f" ({parameter.doc})" if parameter.doc else ""
-                raise UserError(f"{label}: parameter '{parameter.name}' is missing; it is {parameter.type}{meaning}")
-        return {
-            key: parse(f"{label}: parameter '{key}'", self.parameters[key].hint, value, folder)
-            for key, value in given.items()
-        }
+        return checked(label, self.parameters, given, folder, set(TERM_KEYS) - {"use"})
 
 
 _GOALS: dict[str, GoalSpec] = {}
@@ -202,10 +174,10 @@ def goal(
             raise UserError(f"a goal '{label}' is already registered by {old}; choose another name or say replace=True")
         if kernel not in KERNELS or reduction not in REDUCTIONS:
             raise UserError(f"goal '{label}': kernel is one of {KERNELS} and reduction one of {REDUCTIONS}")
-        text = inspect.getdoc(function) or ""
+        parameters = parameters_of(f"goal '{label}'", function, ("motion", "context"), _RESERVED)
         _GOALS[label] = GoalSpec(
-            label, function, _summary(text), unit, kernel, reduction, float(scale), float(delta), dim, float(tolerance),
-            pulls, _parameters(label, function, text),
+            label, function, summary_of(function), unit, kernel, reduction, float(scale), float(delta), dim,
+            float(tolerance), pulls, parameters,
         )  # fmt: skip
         return function
 
@@ -236,28 +208,3 @@ def goals() -> list[GoalSpec]:
 def forget(name: str) -> None:
     """Remove a goal from the registry, as tests and notebooks need; no error when it is absent."""
     _GOALS.pop(name, None)
-
-
-def _parameters(label: str, function: GoalFunction, text: str) -> dict[str, Parameter]:
-    try:
-        hints = get_type_hints(function, include_extras=True)
-    except Exception as error:
-        raise UserError(f"goal '{label}': a type in its signature cannot be resolved ({error})") from error
-    signature = list(inspect.signature(function).parameters.values())
-    if [p.name for p in signature[:2]] != ["motion", "context"]:
-        raise UserError(f"goal '{label}': its function must start with (motion, context, *, ...)")
-    told = meanings(text, "Args:", "Arguments:")
-    found: dict[str, Parameter] = {}
-    for p in signature[2:]:
-        if p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) or p.name not in hints:
-            raise UserError(f"goal '{label}': parameter '{p.name}' needs a name of its own and a type annotation")
-        if p.name in _RESERVED:
-            raise UserError(f"goal '{label}': parameter name '{p.name}' belongs to every term; choose another")
-        default = ... if p.default is p.empty else p.default
-        hint = hints[p.name]
-        found[p.name] = Parameter(p.name, describe(hint), default, told.get(p.name, ""), hint)
-    return found
-
-
-def _summary(text: str) -> str:
-    return " ".join(text.split("\n\n")[0].split())

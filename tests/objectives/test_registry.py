@@ -128,7 +128,7 @@ def test_signatures_that_cannot_be_told_apart() -> None:
     for function, message in (
         (no_context, "must start with"),
         (untyped, "'x' needs a name of its own and a type"),
-        (reserved, "'weight' belongs to every term"),
+        (reserved, "'weight' belongs to every table"),
     ):
         with pytest.raises(UserError, match=message):
             goal(unit="m")(function)
