@@ -228,6 +228,23 @@ def moved(hint: Any, value: Any, by: Place) -> Any:
     return value
 
 
+def later(hint: Any, value: Any, by: float) -> Any:
+    """A parameter's value, annotated as `hint`, so many seconds later: all times in it (`Time`, `Window`), and tracks."""
+    if hasattr(value, "later"):
+        return value.later(by)
+    options = _options(hint)
+    if value is None or isinstance(value, BaseModel):
+        return value
+    if Window in options and isinstance(value, tuple):
+        return value[0] + by, value[1] + by
+    if Time in options and isinstance(value, int | float):
+        return value + by
+    if isinstance(value, list):
+        items = next((get_args(option)[0] for option in options if get_origin(option) in (list, Sequence)), Any)
+        return [later(items, item, by) for item in value]
+    return value
+
+
 T = TypeVar("T")
 
 

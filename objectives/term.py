@@ -17,7 +17,7 @@ from objectives.context import Context
 from objectives.kernels import Kernel, Reduction, kernel_cost, least_squares_weight
 from objectives.marks import Mark, marks_of_aims, marks_of_parameters, marks_of_targets
 from objectives.maths import frames_near, within
-from objectives.parameters import NotNegative, Positive, moved, parse
+from objectives.parameters import NotNegative, Positive, later, moved, parse
 from objectives.registry import EXEMPT, JOINT, TERM_KEYS, GoalSpec, Masked, get_goal
 from objectives.report import TermReport
 from scenes.errors import UserError, shown
@@ -200,6 +200,22 @@ class Term:
             except UserError as error:
                 raise UserError(f"{self.label}: parameter '{name}': {error}") from error
         return replace(self, parameters=further)
+
+    def during(self, begin: float, end: float) -> Term:
+        """The same of a part of a motion, from `begin` to `end` (s): its times count from there on.
+
+        What it states no time for holds in that part alone.
+        """
+        spec = self.spec.parameters
+        stated = {name: p.default for name, p in spec.items() if not p.required and p.default is not None}
+        stated |= {name: value for name, value in self.parameters.items() if name not in ("at", "weights")}
+        moved = {name: value for name, old in stated.items() if (value := later(spec[name].hint, old, begin)) != old}
+        further = {name: value for name, value in self.parameters.items() if name in stated} | moved
+        at = None if self.at is None else tuple(time + begin for time in self.times)
+        window, sometime = (None if s is None else (s[0] + begin, s[1] + begin) for s in (self.window, self.sometime))
+        if at is None and window is None and sometime is None:
+            window = (begin, end)
+        return replace(self, parameters=further, at=at, window=window, sometime=sometime)
 
     @property
     def exemption(self) -> tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None] | None:

@@ -12,7 +12,7 @@ import math
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import torch
@@ -29,6 +29,7 @@ from scenes.numbers import MOST
 from scenes.tables import Table
 
 Span = tuple[float, float]
+AnyTrack = TypeVar("AnyTrack", bound="TrackBase")
 
 
 class TrackBase(Table):
@@ -55,6 +56,11 @@ class TrackBase(Table):
         begin, end = self.span
         inside = (times >= begin - 1e-4) & (times <= end + 1e-4)
         return inside[:, None].expand(-1, self.columns)
+
+    def later(self: AnyTrack, by: float) -> AnyTrack:
+        """The same so many seconds later."""
+        times: Any = getattr(self, "times", ())
+        return self.model_copy(update={"times": type(times)(time + by for time in times)})
 
     def _phase(self, times: Float[Tensor, " T"]) -> Float[Tensor, "T 1 1"]:
         """0 at the start of the span, 1 at its end, held outside."""
@@ -240,6 +246,10 @@ class ArrayTrack(TrackBase):
         """The track that lies so much (m) further."""
         points, stated = self.samples
         return ArrayTrack(positions=points + np.array(by), mask=stated, fps=self.fps, begin=self.begin)
+
+    def later(self, by: float) -> ArrayTrack:
+        """The track so many seconds later."""
+        return self.model_copy(update={"begin": self.begin + by})
 
     def _neighbours(self, times: Float[Tensor, " T"]) -> tuple[Tensor, Tensor, Tensor]:
         last = len(self.samples[0]) - 1

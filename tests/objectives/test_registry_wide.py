@@ -103,6 +103,15 @@ def test_time_shift(name: str, example: Any) -> None:
 
 
 @pytest.mark.parametrize(("name", "example"), CASES)
+def test_a_part_of_a_motion_has_a_clock_of_its_own(name: str, example: Any) -> None:
+    """Every time of a goal says that it is one, those that it takes by default too."""
+    first, later = wandering(2), wandering(2, t0=5.0)
+    here = term(name, example(0.0)).residual(first, context())
+    there = term(name, example(0.0)).during(5.0, 5.0 + later.seconds).residual(later, context(epoch=5.0))
+    torch.testing.assert_close(there, here, atol=1e-6, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "example"), CASES)
 def test_weight_zero_equals_absent(name: str, example: Any) -> None:
     motion, world = wandering(2), context()
     other = term("smoothness", {"limit": 5.0})
