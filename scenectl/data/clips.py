@@ -37,8 +37,8 @@ OFTEN = {
     "bandai: walk-turn-left": 2.0,
     "bandai: walk-turn-right": 2.0,
 }
-"""How many times as often as their size says some kinds are drawn. Nothing is harder to learn than several things in one
-sentence, and every sequence shows several kinds; the others are those that `bench generator` recognised least often
+"""How many times as often as their size says some kinds are drawn. Nothing is harder to learn than several things in
+one sentence, and every sequence shows several kinds; the others are those that `bench generator` recognised least often
 when all kinds were drawn as their size says."""
 
 _MOST = 2000

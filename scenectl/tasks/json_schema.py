@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from objectives.tables import goal_tables
 from scenectl.generators import registry
-from scenectl.tasks.schema import GeneratorSpec, ObjectSpec, SceneSpec, Spot, Start, TaskTable
+from scenectl.tasks.schema import GeneratorSpec, ObjectSpec, SceneSpec, Start, TaskTable
+from scenectl.tasks.walk import Spot
 from scenes.mesh.primitives import PRIMITIVES
 from scenes.motion.waypoints import Number, Vector, Waypoints
 

@@ -6,14 +6,12 @@ A task is data. Loading one reads files that it names and runs no code from any 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
 from objectives import Term, read_with
@@ -24,6 +22,7 @@ from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.generators.registry import DEFAULT, Family, find
 from scenectl.generators.weights import bundled_weights
 from scenectl.tasks.dump import plain, scene_table, term_table
+from scenectl.tasks.walk import Spot, Walk, moved_spot
 from scenectl.threads import MOST
 from scenes.body.body import DEFAULT_BODY, SHORTEST, TALLEST, ProxyBody
 from scenes.body.proxies import load_body
@@ -33,16 +32,12 @@ from scenes.mesh.primitives import Primitive, primitive
 from scenes.motion.frames import HOME, Place, back
 from scenes.tables import Table
 from scenes.validation import sentence
-from scenes.world.floor.mapping import HEIGHT, RADIUS
-from scenes.world.floor.planning import FreeArea
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene, bundled, bundled_names, load_scene
 
 Unit: TypeAlias = Literal["m", "cm", "mm", "in", "ft"]
 Axis: TypeAlias = Literal["x", "y", "z"]
 Resolution: TypeAlias = Annotated[int, Field(ge=8, le=512)]
-Spot: TypeAlias = tuple[float, float] | tuple[float, float, float]
-"""A place on the ground: [x, z], or [x, y, z] where y tells storeys apart, world metres."""
 
 AVOID: dict[str, Any] = {"margin": 0.03, "weight": 300.0, "tolerance": 0.01, "kernel": "squared", "reduction": "sum"}
 """`sdf_penetration` of a task that does not state its own; what the verdict calls a touch (`SHALLOW`) is met."""
@@ -166,59 +161,7 @@ class Start(_Table):
 
     def moved(self, by: Place) -> Start:
         """The same start so much (m) further."""
-        return self.model_copy(update={"position": _moved(self.position, by)})
-
-
-class Walk(_Table):
-    """Walk to a place and stop there: a planned path around what is in the way, and its end (`tasks.walk`).
-
-    Attributes:
-        to: where the pelvis shall be in the end, [x, z], world metres; [x, y, z] with the height of the ground there
-            says which storey.
-        via: places to pass on the way, in order, a list of them.
-        via_tolerance: how near counts as passed (m).
-        radius: of the body while planning (m); by default 0.3 for an adult, others as broad as they are.
-        height: that shall be free along the path (m); by default 1.8 for an adult of 1.7, others as tall as they are.
-            Less where the person shall duck.
-        arrive: when (s); by default at the end, or in time to stop there. Where other goals ask for something later,
-            the walk holds nothing from there on.
-        stop: it ends standing, both feet on the ground; false walks on to the end.
-        half_width: of the corridor around the path (m).
-        tolerance: how near counts as reached (m).
-        weight: of all its goals.
-    """
-
-    to: Spot
-    via: tuple[Spot, ...] = ()
-    radius: Annotated[float | None, Field(gt=0.05, le=1.0)] = None
-    height: Annotated[float | None, Field(gt=0.3, le=3.0)] = None
-    via_tolerance: Annotated[float, Field(gt=0)] = 0.15
-    arrive: float | None = None
-    stop: bool = True
-    half_width: Annotated[float, Field(gt=0)] = 0.2
-    tolerance: Annotated[float, Field(gt=0)] = 0.1
-    weight: Annotated[float, Field(ge=0)] = 1.0
-
-    def moved(self, by: Place) -> Walk:
-        """The same walk so much (m) further."""
-        return self.model_copy(update={"to": _moved(self.to, by), "via": tuple(_moved(p, by) for p in self.via)})
-
-    def room(self, body: ProxyBody) -> tuple[float, float]:
-        """Radius and height (m) of what is kept free: as stated, or as a body needs."""
-        radius, height = room_of(body)
-        return self.radius or radius, self.height or height
-
-    def path(self, area: FreeArea, start: Spot) -> np.ndarray:
-        """The planner's way from `start` over `via` to `to`, ``[P, 3]``, with the area's room; UserError if none."""
-        stops = [start, *self.via, self.to]
-        legs = [area.path(a, b) for a, b in pairwise(stops)]
-        return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
-
-
-def room_of(body: ProxyBody) -> tuple[float, float]:
-    """Radius and height (m) of what is kept free for a body that walks."""
-    radius, height = RADIUS * body.breadth / DEFAULT_BODY.breadth, HEIGHT * body.height / DEFAULT_BODY.height
-    return round(radius, 3), round(height, 3)
+        return self.model_copy(update={"position": moved_spot(self.position, by)})
 
 
 class BodySpec(_Table):
@@ -466,11 +409,6 @@ def _last_end(prompt: Any) -> float | None:
     last = prompt[-1] if isinstance(prompt, list | tuple) and prompt else None
     end = last.get("end") if isinstance(last, Mapping) else getattr(last, "end", None)
     return float(end) if isinstance(end, int | float) else None
-
-
-def _moved(place: Sequence[float], by: Place) -> tuple[float, ...]:
-    """[x, z] or [x, y, z] moved by so much (m)."""
-    return tuple(a + b for a, b in zip(place, by if len(place) == 3 else by[::2], strict=True))
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:

@@ -12,8 +12,8 @@ import torch
 from objectives import Context, Objective
 from scenectl.generators.spec import Spec
 from scenectl.tasks.conditions import Target, targets_of
-from scenectl.tasks.schema import Start, TaskTable, Walk, room_of
-from scenectl.tasks.walk import FASTEST_WALK, WAIT, Schedule, seconds_for, walk_terms
+from scenectl.tasks.schema import Start, TaskTable
+from scenectl.tasks.walk import FASTEST_WALK, WAIT, Schedule, Walk, room_of, seconds_for, walk_terms
 from scenes.body.body import DEFAULT_BODY, STATURE, ProxyBody
 from scenes.errors import UserError, in_doubt
 from scenes.motion.frames import Place

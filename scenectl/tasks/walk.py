@@ -5,19 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
+from pydantic import Field
 
 from objectives import Term
 from objectives.checks import places
 from objectives.parameters import Time, instances, stated
 from objectives.tracks import TrackBase
-from scenectl.tasks.schema import Spot, Walk
 from scenes.body.body import DEFAULT_BODY, ProxyBody
+from scenes.motion.frames import Place
 from scenes.motion.skeleton import FEET
+from scenes.tables import Table
 from scenes.world.floor.levels import STEP
+from scenes.world.floor.mapping import HEIGHT, RADIUS
+from scenes.world.floor.planning import FreeArea
 from scenes.world.floor.polyline import resample, sloped, walked
+
+Spot: TypeAlias = tuple[float, float] | tuple[float, float, float]
+"""A place on the ground: [x, z], or [x, y, z] where y tells storeys apart, world metres."""
 
 # Lengths and speeds here are an adult's: those of a body go with its legs (`ProxyBody.size`), since it takes as many
 # steps a second (`scenectl.control.figure`).
@@ -47,6 +54,65 @@ WAIT = 1.0
 """Seconds added to tasks without `seconds` in which things move: without them, a walk that must wait is late."""
 ABOUT = 0.4
 """Seconds by which a place on the way may be passed before or after the schedule does."""
+
+
+class Walk(Table):
+    """Walk to a place and stop there: a planned path around what is in the way, and its end.
+
+    Attributes:
+        to: where the pelvis shall be in the end, [x, z], world metres; [x, y, z] with the height of the ground there
+            says which storey.
+        via: places to pass on the way, in order, a list of them.
+        via_tolerance: how near counts as passed (m).
+        radius: of the body while planning (m); by default 0.3 for an adult, others as broad as they are.
+        height: that shall be free along the path (m); by default 1.8 for an adult of 1.7, others as tall as they are.
+            Less where the person shall duck.
+        arrive: when (s); by default at the end, or in time to stop there. Where other goals ask for something later,
+            the walk holds nothing from there on.
+        stop: it ends standing, both feet on the ground; false walks on to the end.
+        half_width: of the corridor around the path (m).
+        tolerance: how near counts as reached (m).
+        weight: of all its goals.
+    """
+
+    to: Spot
+    via: tuple[Spot, ...] = ()
+    radius: Annotated[float | None, Field(gt=0.05, le=1.0)] = None
+    height: Annotated[float | None, Field(gt=0.3, le=3.0)] = None
+    via_tolerance: Annotated[float, Field(gt=0)] = 0.15
+    arrive: float | None = None
+    stop: bool = True
+    half_width: Annotated[float, Field(gt=0)] = 0.2
+    tolerance: Annotated[float, Field(gt=0)] = 0.1
+    weight: Annotated[float, Field(ge=0)] = 1.0
+
+    def moved(self, by: Place) -> Walk:
+        """The same walk so much (m) further."""
+        return self.model_copy(
+            update={"to": moved_spot(self.to, by), "via": tuple(moved_spot(p, by) for p in self.via)}
+        )
+
+    def room(self, body: ProxyBody) -> tuple[float, float]:
+        """Radius and height (m) of what is kept free: as stated, or as a body needs."""
+        radius, height = room_of(body)
+        return self.radius or radius, self.height or height
+
+    def path(self, area: FreeArea, start: Spot) -> np.ndarray:
+        """The planner's way from `start` over `via` to `to`, ``[P, 3]``, with the area's room; UserError if none."""
+        stops = [start, *self.via, self.to]
+        legs = [area.path(a, b) for a, b in pairwise(stops)]
+        return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
+
+
+def room_of(body: ProxyBody) -> tuple[float, float]:
+    """Radius and height (m) of what is kept free for a body that walks."""
+    radius, height = RADIUS * body.breadth / DEFAULT_BODY.breadth, HEIGHT * body.height / DEFAULT_BODY.height
+    return round(radius, 3), round(height, 3)
+
+
+def moved_spot(place: Sequence[float], by: Place) -> tuple[float, ...]:
+    """[x, z] or [x, y, z] moved by so much (m)."""
+    return tuple(a + b for a, b in zip(place, by if len(place) == 3 else by[::2], strict=True))
 
 
 @dataclass(frozen=True)

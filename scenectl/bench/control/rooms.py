@@ -20,9 +20,10 @@ from scenectl.generators.base import Generator
 from scenectl.measures import metrics
 from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio
 from scenectl.pipeline.run import run
-from scenectl.tasks.schema import BodySpec, Spot, Start, Walk
+from scenectl.tasks.schema import BodySpec, Start
 from scenectl.tasks.setup import STANDING
 from scenectl.tasks.task import Task
+from scenectl.tasks.walk import Spot, Walk
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.motion.motion import Motion

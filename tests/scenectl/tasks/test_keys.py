@@ -7,7 +7,8 @@ import pytest
 from objectives.registry import TERM_KEYS
 from scenectl.generators.mscot.settings import Sampling
 from scenectl.tasks.keys import table, tables
-from scenectl.tasks.schema import SceneSpec, TaskTable, Walk, known_keys
+from scenectl.tasks.schema import SceneSpec, TaskTable, known_keys
+from scenectl.tasks.walk import Walk
 from scenes.errors import UserError
 
 TABLES = tables()

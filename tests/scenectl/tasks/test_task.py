@@ -11,10 +11,10 @@ import pytest
 
 from objectives import Term
 from scenectl.generators.mscot.settings import SPEC
-from scenectl.tasks.schema import SceneSpec, Walk
+from scenectl.tasks.schema import SceneSpec
 from scenectl.tasks.setup import heading_along, start_of
 from scenectl.tasks.task import Task, load_task
-from scenectl.tasks.walk import PACE
+from scenectl.tasks.walk import PACE, Walk
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
 from scenes.mesh.mesh import load_mesh

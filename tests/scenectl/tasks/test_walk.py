@@ -12,10 +12,9 @@ from hypothesis import given, settings, strategies as st
 
 from objectives import Term
 from objectives.library.paths import path_point
-from scenectl.tasks.schema import Walk
 from scenectl.tasks.setup import Setup
 from scenectl.tasks.task import Task
-from scenectl.tasks.walk import BRAKE, PACE, STAND, Schedule, walk_terms
+from scenectl.tasks.walk import BRAKE, PACE, STAND, Schedule, Walk, walk_terms
 from scenes.body.body import DEFAULT_BODY, ProxyBody
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
