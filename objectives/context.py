@@ -49,6 +49,15 @@ class Layered(Protocol):
 
 
 @runtime_checkable
+class Parted(Protocol):
+    """A scene whose parts have names, as nodes of a file do."""
+
+    def part(self, name: str) -> SceneLike:
+        """The part of that name alone; raises UserError for one that it does not have."""
+        ...
+
+
+@runtime_checkable
 class BodyLike(Protocol):
     """The part of `scenes.ProxyBody` that goals use."""
 

@@ -115,6 +115,8 @@ def describe(hint: Any) -> str:
     if origin in (list, tuple, Sequence):
         item = describe(inner[0])
         return f"a list of {item.removeprefix('a ')}s" if item.startswith("a ") else f"a list of {item}"
+    if origin is dict:
+        return f"a table of {describe(inner[1]).removeprefix('a ')}s by name"
     if isinstance(hint, type) and hasattr(hint, "IN_WORDS"):
         return str(hint.IN_WORDS)
     if isinstance(hint, type) and issubclass(hint, BaseModel):
@@ -192,6 +194,8 @@ def stated(hint: Any, value: Any, kind: Any) -> list[Any]:
         return [found for option in options for found in stated(option, value, kind)]
     if origin is list and isinstance(value, list):
         return [found for item in value for found in stated(inner[0], item, kind)]
+    if origin is dict and isinstance(value, dict):
+        return [found for item in value.values() for found in stated(inner[1], item, kind)]
     return []
 
 
@@ -229,12 +233,15 @@ def moved(hint: Any, value: Any, by: Place) -> Any:
 
 
 def later(hint: Any, value: Any, by: float) -> Any:
-    """A parameter's value, annotated as `hint`, so many seconds later: all times in it (`Time`, `Window`), and tracks."""
+    """A parameter's value, annotated as `hint`, so many seconds later: its times (`Time`, `Window`) and tracks."""
     if hasattr(value, "later"):
         return value.later(by)
     options = _options(hint)
     if value is None or isinstance(value, BaseModel):
         return value
+    if isinstance(value, dict):
+        items = next((get_args(option)[1] for option in options if get_origin(option) is dict), Any)
+        return {key: later(items, item, by) for key, item in value.items()}
     if Window in options and isinstance(value, tuple):
         return value[0] + by, value[1] + by
     if Time in options and isinstance(value, int | float):

@@ -35,7 +35,7 @@ _RESERVED = frozenset(TERM_KEYS) - {"at", "weights"}
 
 JOINT = "joint"
 """A goal whose parameter has this name is about that joint or those joints, and need not say so in its result."""
-EXEMPT = ("exempt", "exempt_windows")
+EXEMPT = ("exempt", "exempt_windows", "touches")
 """Parameters of goals that keep the body out of things: joints that may touch them, and when."""
 
 
@@ -74,6 +74,7 @@ class Masked:
 
 
 GoalFunction = Callable[..., "Tensor | Masked"]
+Supports = Callable[[Mapping[str, Any]], Sequence[str]]
 F = TypeVar("F", bound=GoalFunction)
 
 
@@ -90,6 +91,8 @@ class GoalSpec:
         tolerance: worst residual that still counts as met, where the term does not say.
         pulls: whether it draws joints to a place, or turns them, however far, so that one out of reach is an outlier.
         parameters: by name, in the order of the signature.
+        supports: of parameters, the joints whose part of the body then rests on something, which the verdict counts
+            as support; None for none.
     """
 
     name: str
@@ -104,6 +107,7 @@ class GoalSpec:
     tolerance: float
     pulls: bool
     parameters: Mapping[str, Parameter]
+    supports: Supports | None = None
 
     @property
     def draws(self) -> bool:
@@ -145,6 +149,7 @@ def goal(
     dim: int = 1,
     tolerance: float = 0.0,
     pulls: bool = False,
+    supports: Supports | None = None,
     name: str | None = None,
     replace: bool = False,
 ) -> Callable[[F], F]:
@@ -163,6 +168,7 @@ def goal(
         tolerance: worst residual that still counts as met, in `unit`.
         pulls: it draws joints to a place, or turns them, however far; refinement pulls no harder where that is out of
             reach.
+        supports: of parameters, the joints whose part of the body rests on something where the goal is met.
         name: name in task files, by default the function's.
         replace: replace a goal of the same name; otherwise a second one is an error.
     """
@@ -177,7 +183,7 @@ def goal(
         parameters = parameters_of(f"goal '{label}'", function, ("motion", "context"), _RESERVED)
         _GOALS[label] = GoalSpec(
             label, function, summary_of(function), unit, kernel, reduction, float(scale), float(delta), dim,
-            float(tolerance), pulls, parameters,
+            float(tolerance), pulls, parameters, supports,
         )  # fmt: skip
         return function
 

@@ -218,16 +218,26 @@ class Term:
         return replace(self, parameters=further, at=at, window=window, sometime=sometime)
 
     @property
-    def exemption(self) -> tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None] | None:
-        """What the term was told to let touch the scene (its goal's `exempt` and `exempt_windows`); None for nothing.
+    def exemptions(self) -> tuple[tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None], ...]:
+        """What the term was told to let touch the scene (its goal's `exempt`, `exempt_windows` and `touches`).
 
-        Joints (none: the whole body), and the windows (s) in which they may (None: always).
+        Joints (none: the whole body), and the windows (s) in which they may (None: always), each.
         """
-        joints, windows = (self.parameters.get(name) for name in EXEMPT)
-        if not joints and windows is None:
+        joints, windows, touches = (self.parameters.get(name) for name in EXEMPT)
+        found = [((joint,), tuple(map(tuple, when))) for joint, when in (touches or {}).items()]
+        if joints or windows is not None:
+            named = (joints,) if isinstance(joints, str) else tuple(joints or ())
+            found.append((named, None if windows is None else tuple(map(tuple, windows))))
+        return tuple(found)
+
+    @property
+    def support(self) -> tuple[tuple[str, ...], tuple[float, float] | None] | None:
+        """Joints whose part of the body rests on something, and from when to when (s; None: always); None for none."""
+        if self.spec.supports is None:
             return None
-        named = (joints,) if isinstance(joints, str) else tuple(joints or ())
-        return named, None if windows is None else tuple((begin, end) for begin, end in windows)
+        span = self.window or self.sometime
+        times = (min(self.times), max(self.times)) if self.times else None
+        return tuple(self.spec.supports(self.parameters)), times if span is None else (span[0], span[1])
 
     @property
     def label(self) -> str:

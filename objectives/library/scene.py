@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import torch
 from jaxtyping import Bool, Float
@@ -31,6 +32,7 @@ def sdf_penetration(
     margin: NotNegative = 0.0,
     exempt: Joints = [],  # noqa: B006  (read only)
     exempt_windows: list[Window] | None = None,
+    touches: dict[str, list[Window]] = {},  # noqa: B006  (read only)
 ) -> Masked:
     """Keep the proxy body out of the scene, floor included.
 
@@ -42,6 +44,7 @@ def sdf_penetration(
             of what is lower than the margin over that under it, no more is asked than that.
         exempt: joints whose part of the body may touch the scene, such as a hand that reaches into a shelf.
         exempt_windows: the exemption holds only in these [begin, end] (s); without `exempt` it is the whole body's.
+        touches: further joints whose part of the body may touch the scene, each with windows of its own, s.
     """
     points, radius = context.body.points(motion)
     # The time axis lines up with T, so that fields which move are asked at the moment of each frame.
@@ -49,7 +52,7 @@ def sdf_penetration(
     radius = radius.to(distance)
     room = distance - radius
     depth = (_asked(margin, points, points[..., 1] - radius, room, context) - room).clamp_min(0)
-    active = _counted(motion, context.body.owners, chosen(exempt, motion), exempt_windows)
+    active = _counted(motion, context.body.owners, chosen(exempt, motion), exempt_windows, touches)
     return Masked(depth, active.expand(depth.shape), labels=context.body.owners, points=points)
 
 
@@ -62,6 +65,7 @@ def swept_penetration(
     speed: NotNegative = 0.0,
     exempt: Joints = [],  # noqa: B006  (read only)
     exempt_windows: list[Window] | None = None,
+    touches: dict[str, list[Window]] = {},  # noqa: B006  (read only)
 ) -> Masked:
     """Keep the body's capsules out of the scene on their way from each frame to the next, thin walls included.
 
@@ -74,6 +78,7 @@ def swept_penetration(
         speed: the fastest that anything in the scene moves, m/s.
         exempt: joints whose part of the body may touch the scene.
         exempt_windows: the exemption holds only in these [begin, end] (s); without `exempt` it is the whole body's.
+        touches: further joints whose part of the body may touch the scene, each with windows of its own, s.
     """
     a, b, radius, owners = context.body.segments(motion)
     now, then = slice(None, -1), slice(1, None)
@@ -84,7 +89,7 @@ def swept_penetration(
     depth = 100 * (_asked(margin, (a[..., now, :, :] + b[..., now, :, :]) / 2, lowest, room, context) - room).clamp_min(
         0
     )
-    counted = _counted(motion, owners, chosen(exempt, motion), exempt_windows)
+    counted = _counted(motion, owners, chosen(exempt, motion), exempt_windows, touches)
     active = (counted[now] & counted[then]) & (motion.valid[..., now, None] & motion.valid[..., then, None])
     # Frame t stands for the step from t to t + 1, so the last frame of a motion has none.
     depth = torch.nn.functional.pad(depth, (0, 0, 0, 1))
@@ -113,18 +118,36 @@ def _asked(
 
 
 def _counted(
-    motion: Motion, owners: list[str], exempt: list[str], windows: list[tuple[float, float]] | None
+    motion: Motion,
+    owners: list[str],
+    exempt: list[str],
+    windows: list[tuple[float, float]] | None,
+    touches: Mapping[str, list[tuple[float, float]]],
 ) -> Bool[Tensor, "T M"]:
-    motion.skeleton.indices(exempt)  # an unknown joint is an error, not an exemption of nothing
-    for name in exempt:
+    """Which samples count in which frames."""
+    motion.skeleton.indices([*exempt, *touches])  # an unknown joint is an error, not an exemption of nothing
+    for name in (*exempt, *touches):
         if name not in owners:
             raise UserError(f"no part of the body belongs to joint '{name}'{did_you_mean(name, owners)}")
     everything = not exempt and windows is not None
-    points = torch.tensor([everything or owner in exempt for owner in owners], device=motion.joints.device)
+    free = _frames(motion, windows)[:, None] & _samples(motion, owners, None if everything else exempt)
+    for name, when in touches.items():
+        free |= _frames(motion, when)[:, None] & _samples(motion, owners, [name])
+    return ~free
+
+
+def _frames(motion: Motion, windows: list[tuple[float, float]] | None) -> Bool[Tensor, " T"]:
+    """Frames in any of some windows; all of them for None."""
     frames = torch.full_like(motion.times, windows is None, dtype=torch.bool)
     for window in windows or ():
         frames |= within(motion, window)
-    return ~(frames[:, None] & points)
+    return frames
+
+
+def _samples(motion: Motion, owners: list[str], joints: list[str] | None) -> Bool[Tensor, " M"]:
+    """Samples of some joints; all of them for None."""
+    mine = [joints is None or owner in joints for owner in owners]
+    return torch.tensor(mine, device=motion.joints.device)
 
 
 @goal(unit="m", kernel="linear", reduction="mean", tolerance=0.05)

@@ -29,7 +29,9 @@ def ranked(
         before = None if unrefined is None else objective.cost(unrefined, context)
         changes = None if unrefined is None else pose_change(unrefined, motion)
     terms = objective.report(motion, context)
-    judge = Judge(scorer, setup.task.prompts, tuple(t.exemption for t in objective.counted if t.exemption is not None))
+    exempt = tuple(one for term in objective.counted for one in term.exemptions)
+    rests = tuple(term.support for term in objective.counted if term.support is not None)
+    judge = Judge(scorer, setup.prompts, exempt, rests)
     rows = []
     for index in range(len(motion.joints)):
         one = motion[index]

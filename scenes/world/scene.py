@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from scenes.errors import UserError, did_you_mean
+from scenes.errors import UserError, clipped, did_you_mean
 from scenes.mesh.mesh import Mesh, hull, load_mesh
 from scenes.mesh.primitives import Capsule, Plane, Primitive, Sphere
 from scenes.mesh.surface import Surface, thin_walls
@@ -33,8 +33,9 @@ from scenes.sdf.settings import BakeOptions, BakeSettings, FreeSpace
 from scenes.world.floor.ground import Floor, find_floors
 from scenes.world.floor.levels import STEP, Levels, fitting
 from scenes.world.floor.mapping import held, surfaces
-from scenes.world.moving import MovingObject
+from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.reach import Parts, Reach
+from scenes.world.things import named_parts
 
 DENSE = 2**26
 """Nodes up to which a stated spacing gives a dense grid: 256 MB."""
@@ -199,6 +200,32 @@ class Scene:
         grounds = [np.take_along_axis(levels.walkable, sheet, axis=2)[..., 0] for sheet in sheets]
         grounds = [np.where(s >= 0, ground, np.nan) for s, ground in zip(self._sheets, grounds, strict=True)]
         return Parts.of(partial(_least, (*self._still_fields, *self.planes)), bounds, levels, grounds)
+
+    @cached_property
+    def named(self) -> dict[str, Mesh]:
+        """What does not move of it by name: the nodes of its files, and its meshes (`scenes.world.things`)."""
+        return named_parts(self.meshes)
+
+    def part(self, name: str) -> MovingObject:
+        """The part of that name alone, as a field of its own; baked when it is first asked.
+
+        Raises:
+            UserError: it has no part of that name.
+        """
+        if name not in self._parts:
+            moving = {thing.name: thing for thing in self.objects}
+            if name not in moving and name not in self.named:
+                raise UserError(
+                    f"scene '{self.name}' has no part '{clipped(name)}'{did_you_mean(name, [*moving, *self.named])}"
+                )
+            still = Trajectory((0.0,), ((0.0, 0.0, 0.0),))
+            self._parts[name] = moving.get(name) or MovingObject(self.named[name], still, name, cache=self.baking.cache)
+        return self._parts[name]
+
+    @cached_property
+    def _parts(self) -> dict[str, MovingObject]:
+        """Parts that were asked for."""
+        return {}
 
     @property
     def _still_fields(self) -> tuple[DistanceField, ...]:

@@ -151,10 +151,17 @@ EXAMPLES: dict[str, list[Example]] = {
     "sdf_penetration": [
         lambda s: {"margin": 0.03},
         lambda s: {"exempt": ["left_foot", "right_foot"], "exempt_windows": [[0.1 + s, 0.2 + s]]},
+        lambda s: {"touches": {"left_foot": [[0.1 + s, 0.2 + s]], "right_foot": [[s, 0.1 + s], [0.3 + s, 0.4 + s]]}},
     ],
     "swept_penetration": [
         lambda s: {"margin": 0.03, "speed": 0.05},
         lambda s: {"exempt": ["left_foot", "right_foot"], "exempt_windows": [[0.1 + s, 0.2 + s]]},
+        lambda s: {"touches": {"left_foot": [[0.1 + s, 0.2 + s]], "right_foot": [[s, 0.1 + s], [0.3 + s, 0.4 + s]]}},
+    ],
+    "contact": [
+        lambda s: {"part": "seat"},
+        lambda s: {"part": "right_hand", "position": [0.2, 1.0, 0.2], "slide": 0.02, "within": 0.01},
+        lambda s: {"part": "left_foot", "window": [0.1 + s, 0.3 + s]},
     ],
     "foot_contact": [lambda s: {"threshold": 0.01}, lambda s: {"threshold": 0.01, "each": True}],
     "head_height": [
@@ -227,6 +234,7 @@ SATISFIED: dict[str, dict[str, Any]] = {
     "capsule_repulsion": {"a": [2, 0, 2], "b": [2, 1, 2], "radius": 0.3},
     "sdf_penetration": {"exempt": ["left_foot", "right_foot", "left_ankle", "right_ankle"]},
     "swept_penetration": {"exempt": ["left_foot", "right_foot", "left_ankle", "right_ankle"]},
+    "contact": {"part": "left_hand", "within": 2.0},
     "foot_contact": {"threshold": 0.0},
     "head_height": {"height": None},  # the test states where the head is
     "height_limit": {"limit": 2.0},

@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from objectives import Context
 from objectives.library.scene import foot_heights
@@ -25,6 +27,8 @@ less ball of foot length)."""
 
 Exemption = tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None]
 """Joints (none: the whole body) that may touch the scene, and the windows (s) in which they may (None: always)."""
+Support = tuple[tuple[str, ...], tuple[float, float] | None]
+"""Joints whose part of the body rests on something, and from when to when (s; None: always)."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,7 @@ class Evidence:
         scorer: of its scene, with the body.
         prompt: the sentence that it shall show, or several with their times.
         exemptions: what may touch the scene.
+        supports: what of the body is stated to rest on something.
         known: its depths, padding included, where they are known.
     """
 
@@ -67,6 +72,7 @@ class Evidence:
     scorer: Scorer
     prompt: Prompts | str = ""
     exemptions: tuple[Exemption, ...] = ()
+    supports: tuple[Support, ...] = ()
     known: Depths | None = field(default=None, repr=False)
 
     @classmethod
@@ -76,6 +82,7 @@ class Evidence:
         scorer: Scorer,
         prompt: Prompts | str = "",
         exemptions: tuple[Exemption, ...] = (),
+        supports: tuple[Support, ...] = (),
         depths: Depths | None = None,
     ) -> Evidence:
         """Evidence on a motion ``[T, J, 3]``, with padding or without."""
@@ -85,7 +92,7 @@ class Evidence:
         if depths is not None:
             mask = real.cpu().numpy()
             depths = Depths(**{name: values[mask] for name, values in vars(depths).items()})
-        return cls(given, scorer, prompt, exemptions, depths)
+        return cls(given, scorer, prompt, exemptions, supports, depths)
 
     @property
     def size(self) -> float:
@@ -178,9 +185,24 @@ class Evidence:
             steeper = (along[:, 1].median() - along[:, 1]).clamp_min(0.0)
             feet += [points, (ball + toes * flat)[:, None]]
             over += [heights, (heights[:, 0] - toes * steeper)[:, None]]
-        heights = samples[..., 1] - radii - self.scorer.scene.ground_under(samples)
+        heights = self._held(samples[..., 1] - radii - self.scorer.scene.ground_under(samples))
         low = torch.cat([*over, heights], dim=1).detach().cpu().double().numpy()
         return Carried(torch.cat([*feet, samples], dim=1).detach().cpu().double().numpy(), low, 3)
+
+    def _held(self, heights: Float[Tensor, "T M"]) -> Float[Tensor, "T M"]:
+        """Heights of samples over what is below; of those that are stated to rest on something, over that if nearer."""
+        names = self.given.skeleton.names
+        owners, whose = np.array(self.scorer.body.owners), np.array([names[joint] for joint in self.scorer.owners])
+        for joints, window in self.supports:
+            begin, end = (-np.inf, np.inf) if window is None else window
+            rows = np.flatnonzero((self.times >= begin - 1e-6) & (self.times <= end + 1e-6))
+            given = np.rint((self.times[rows] - self.given.t0) * self.given.fps).astype(int)
+            for joint in joints:
+                rooms = self.depths.rooms[given.clip(0, self.given.frames - 1)][:, whose == joint]
+                over = np.maximum(rooms.min(axis=1, initial=np.inf), 0.0)
+                for sample in np.flatnonzero(owners == joint):
+                    heights[rows, sample] = torch.minimum(heights[rows, sample], torch.from_numpy(over).to(heights))
+        return heights
 
     @cached_property
     def velocities(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from scenectl.measures.believability.checks import CHECKS
 from scenectl.measures.believability.checks.check import Check, Found
 from scenectl.measures.believability.checks.contact import exempted
 from scenectl.measures.believability.checks.support import support
-from scenectl.measures.believability.evidence import RATE, Evidence, Exemption
+from scenectl.measures.believability.evidence import RATE, Evidence, Exemption, Support
 from scenectl.measures.believability.limits import LIMITS
 from scenectl.measures.believability.verdict import Finding, Verdict
 from scenectl.measures.metrics import Depths, Scorer
@@ -30,18 +30,20 @@ class Judge:
         scorer: of the scene that the motion is in, with the body.
         prompt: the sentence that the motion shall show, or several; standing still is found fault with where it moves.
         exemptions: what the task lets touch the scene.
+        supports: what of the body the task rests on something.
     """
 
     scorer: Scorer
     prompt: Prompts | str = ""
     exemptions: tuple[Exemption, ...] = ()
+    supports: tuple[Support, ...] = ()
 
     def verdict(self, motion: Motion, depths: Depths | None = None) -> Verdict:
         """The verdict on one motion, ``[T, J, 3]`` in the scene's frame; `depths` are the scorer's where known.
 
         The worst finding comes first: those that explain others before these, then by how many times the limit.
         """
-        evidence = Evidence.of(motion, self.scorer, self.prompt, self.exemptions, depths)
+        evidence = Evidence.of(motion, self.scorer, self.prompt, self.exemptions, self.supports, depths)
         looked, size = [(check, check.look(evidence)) for check in CHECKS], evidence.size
         found = sorted(
             ((check, one) for check, one in looked if one is not None and _off(check, one.value, size) > 1.0),
@@ -63,7 +65,7 @@ class Judge:
             part: _numbers(depths.rooms[:, [i for i, name in enumerate(names) if name == part]].min(axis=1))
             for part in dict.fromkeys(names)
         }
-        evidence = Evidence.of(motion, self.scorer, depths=depths)
+        evidence = Evidence.of(motion, self.scorer, supports=self.supports, depths=depths)
         real = np.flatnonzero(motion.valid.cpu().numpy())
         speed, carried = np.full(motion.frames, np.nan), np.full(motion.frames, "none", dtype=object)
         if len(real):

@@ -1,0 +1,99 @@
+"""Parts of the body that rest on or against something."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from objectives.context import Context, Parted
+from objectives.maths import length
+from objectives.parameters import NotNegative, Point
+from objectives.registry import Masked, goal
+from scenes.errors import UserError
+from scenes.motion.motion import Motion
+
+Part = Literal["seat", "back", "left_hand", "right_hand", "left_foot", "right_foot"]
+"""Parts of the body that can be in contact."""
+OWNERS: dict[str, tuple[str, ...]] = {
+    "seat": ("pelvis", "left_hip", "right_hip", "left_knee", "right_knee"),
+    "back": ("spine1", "spine2", "spine3"),
+    "left_hand": ("left_wrist",),
+    "right_hand": ("right_wrist",),
+    "left_foot": ("left_ankle", "left_foot"),
+    "right_foot": ("right_ankle", "right_foot"),
+}
+"""Joints whose samples of the proxy body belong to each; a knee's are those of the lower thigh."""
+_MOMENT = 0.1
+"""Seconds over which a slide is measured, so that it is a length."""
+_OVER = 0.2
+"""Metres from a stated point within which the part's middle is over it: half the width of a chair."""
+
+
+@goal(
+    unit="m", kernel="squared", reduction="mean", scale=200.0, tolerance=0.03, pulls=True,
+    supports=lambda parameters: OWNERS[parameters["part"]],
+)  # fmt: skip
+def contact(
+    motion: Motion,
+    context: Context,
+    *,
+    part: Part,
+    surface: str | None = None,
+    position: Point | None = None,
+    slide: NotNegative = 0.1,
+    within: NotNegative = 0.0,
+) -> Masked:
+    """Rest a part of the body on or against a surface: seat and thighs on a chair, a hand on a table.
+
+    Three residuals, m, of d = min over the part's samples m of phi(p_m) - r_m: max(0, d - within), how far the nearest
+    is from the surface; max(0, -d), how deep the deepest is in it; and how far the part slides over it in 0.1 s, beyond
+    `slide`. Ours; no paper states it. The scale is that of `joint_target`.
+
+    Args:
+        part: "seat", "back", or a hand or foot.
+        surface: name of a part of the scene; by default all of it.
+        position: a point of the surface, world m, that the part's middle is over or before, within 0.2 m.
+        slide: speed over the surface that is free, m/s.
+        within: distance from the surface that is as good, m: large while the part is on its way there, where it need not
+            touch but shall not go in.
+
+    Raises:
+        UserError: a part of the body without samples, or a name that the scene does not know.
+    """
+    points, radius = context.body.points(motion)
+    chosen = [i for i, owner in enumerate(context.body.owners) if owner in OWNERS[part]]
+    if not chosen:
+        raise UserError(f"no sample of the body belongs to its {part.replace('_', ' ')}")
+    points, radius = points[..., chosen, :], radius[chosen].to(points)
+    room = _distance(context, surface, points, motion.times[:, None]) - radius
+    nearest, middle = room.amin(-1), points.mean(-2)
+    moved = length(middle.diff(dim=-2)) - slide / motion.fps
+    slid = torch.nn.functional.pad(moved.clamp_min(0) * (_MOMENT * motion.fps), (0, 1))
+    steps = torch.nn.functional.pad(motion.valid[..., 1:] & motion.valid[..., :-1], (0, 1))
+    parts = [(nearest - within).clamp_min(0), (-nearest).clamp_min(0), slid]
+    active, labels, targets = [motion.valid, motion.valid, steps], ["gap", "depth", "slide"], None
+    if position is not None:
+        place = middle.new_tensor(position)
+        parts.append((length(middle - place) - _OVER).clamp_min(0))
+        active, labels = [*active, motion.valid], [*labels, "place"]
+        free = torch.full_like(place, torch.nan)
+        targets = torch.stack([free, free, free, place]).expand(*middle.shape[:-1], 4, 3)
+    return Masked(
+        torch.stack(parts, dim=-1), torch.stack(active, dim=-1), labels=[f"{part} ({what})" for what in labels],
+        joints=[OWNERS[part][0]] * len(parts), points=middle[..., None, :].expand(*middle.shape[:-1], len(parts), 3),
+        targets=targets,
+    )  # fmt: skip
+
+
+def _distance(
+    context: Context, surface: str | None, points: Float[Tensor, "*b 3"], times: Tensor
+) -> Float[Tensor, "*b"]:
+    """Signed distance (m) to a named part of the scene, or to all of it."""
+    if surface is None:
+        return context.scene.distance(points, times)
+    if not isinstance(context.scene, Parted):
+        raise UserError("this scene has no named parts; leave out 'surface'")
+    return context.scene.part(surface).distance(points, times)
