@@ -8,6 +8,7 @@ COMMANDS = (
     "edit",
     "export",
     "retarget",
+    "actions",
     "goals",
     "schema",
     "scenes",

@@ -25,7 +25,7 @@ def report_of(setup: Setup, rows: list[Sample], fps: float, threads: int) -> dic
     return {
         "format": FORMAT,
         "scenectl": __version__,
-        "prompt": str(setup.task.prompts),
+        "prompt": str(setup.prompts),
         "seconds": setup.seconds,
         "fps": fps,
         "start": {"position": list(start.position), "heading": start.heading},

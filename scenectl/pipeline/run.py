@@ -86,7 +86,7 @@ def _generated(task: Task, setup: Setup, generator: Generator, samples: int, see
     free = isinstance(task.start, Start) and task.start.free
     settings: dict[str, Any] = {"solver": task.solver, "guidance": task.guidance, "free_start": free}
     place = setup.seconds, setup.start, setup.objective, setup.context
-    return make(generator, task.prompts, *place, **settings, samples=samples, seed=seed, progress=tell)
+    return make(generator, setup.prompts, *place, **settings, samples=samples, seed=seed, progress=tell)
 
 
 def _refinement(found: Solution | None) -> dict[str, Any] | None:

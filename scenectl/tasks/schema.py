@@ -21,6 +21,7 @@ from scenectl.data.formats.motions import load_motion
 from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.generators.registry import DEFAULT, Family, find
 from scenectl.generators.weights import bundled_weights
+from scenectl.tasks.actions.script import Entry
 from scenectl.tasks.dump import plain, scene_table, term_table
 from scenectl.tasks.walk import Spot, Walk, moved_spot
 from scenectl.threads import MOST
@@ -233,7 +234,10 @@ class TaskTable(_Table):
     """What shall happen: see the attributes for the keys of a task file.
 
     Attributes:
-        prompt: a sentence, or several along the motion, [[prompt]] tables (`PromptSpec`).
+        prompt: a sentence, or several along the motion, [[prompt]] tables (`PromptSpec`); required without `action`.
+        actions: a script instead, [[action]] tables: each names by `do` what is done (`scenectl actions`), and has that
+            action's parameters; all follow one another. Goals of [[action.goal]] tables count their times from where
+            the action begins.
         seconds: length (for MSCoT 1.8 to 120); it may be left out where the last prompt says when it ends, and with
             `walk`, where it follows from the path.
         scene: a bundled scene's name, a mesh file, a table (`SceneSpec`) or, in Python, a `Scene`.
@@ -254,7 +258,8 @@ class TaskTable(_Table):
         folder: where relative paths are looked for; the task file's own.
     """
 
-    prompt: Annotated[str, Field(min_length=1)] | Annotated[tuple[PromptSpec, ...], Field(min_length=1)]
+    prompt: Annotated[str, Field(min_length=1)] | Annotated[tuple[PromptSpec, ...], Field(min_length=1)] | None = None
+    actions: Annotated[tuple[Any, ...], Field(alias="action")] = ()
     seconds: float | None = None
     scene: SceneSpec | Scene = SceneSpec()
     start: Literal["sample"] | Start | None = None
@@ -277,17 +282,35 @@ class TaskTable(_Table):
         if self.walk is not None and isinstance(self.start, Start) and self.start.free:
             raise UserError("start: 'free' cannot be solved for with a [walk], which is planned from it; keep one")
         spec = self.generator.family.spec
-        if self.seconds is None and self.walk is None:
+        if self.actions:
+            self._check_script()
+        elif self.prompt is None:
+            raise UserError("'prompt' is missing; say in a sentence what happens, or give [[action]] tables")
+        elif self.seconds is None and self.walk is None:
             raise UserError(f"'seconds' is missing; give {spec.shortest:g} to {spec.longest:g}")
         if self.seconds is not None and not spec.shortest <= self.seconds <= spec.longest:
             raise UserError(
                 f"'seconds' is {self.seconds:g}; generator '{self.generator.name}' makes motions of {spec.shortest:g} "
                 f"to {spec.longest:g} s"
             )
-        if "sentences" not in spec.abilities:
+        if "sentences" not in spec.abilities and not self.actions:
             self.prompts.single(self.generator.name)
         # Unknown goals and parameters, and times that cannot be, are errors of the task, not of its run.
-        _ = self.prompts, self.terms, self.avoided
+        _ = self.actions or self.prompts, self.terms, self.script, self.avoided
+
+    def _check_script(self) -> None:
+        """Raise UserError for keys that a script leaves no room for."""
+        for key in ("prompt", "walk", "seconds"):
+            if getattr(self, key) is not None:
+                told = {"prompt": "sentences", "walk": "ways", "seconds": "length"}[key]
+                raise UserError(f"'{key}' and [[action]] tables exclude each other: a script has {told} of its own")
+        if isinstance(self.start, Start) and self.start.free:
+            raise UserError("start: 'free' cannot be solved for with [[action]] tables, which are planned from it")
+        spec = self.generator.family.spec
+        if "sentences" not in spec.abilities and len(self.actions) > 1:
+            raise UserError(
+                f"generator '{self.generator.name}' takes one sentence for the whole motion; give it one action"
+            )
 
     @model_validator(mode="before")
     @classmethod
@@ -318,7 +341,13 @@ class TaskTable(_Table):
 
     @property
     def prompts(self) -> Prompts:
-        """The sentences with their times; raises UserError for times that cannot be."""
+        """The sentences with their times, but for those of a script, which are its own (`Setup.prompts`).
+
+        Raises:
+            UserError: times that cannot be, or a script.
+        """
+        if self.prompt is None:
+            raise UserError("a script says what happens action by action; build the task to have its sentences")
         if isinstance(self.prompt, str):
             return Prompts.of(self.prompt)
         told, ends = list[Prompt](), [0.0, *(spec.end for spec in self.prompt)]
@@ -338,6 +367,11 @@ class TaskTable(_Table):
         return self.model_copy(update={"prompt": told})
 
     @cached_property
+    def script(self) -> tuple[Entry, ...]:
+        """The actions, read and checked; planned by `build`."""
+        return tuple(Entry.of(k + 1, table, self.folder) for k, table in enumerate(self.actions))
+
+    @cached_property
     def terms(self) -> tuple[Term, ...]:
         """The goals as terms, without those of `walk`, which depend on the start."""
         return tuple(g if isinstance(g, Term) else Term.from_table(_mapping(g), self.folder) for g in self.goals)
@@ -345,16 +379,25 @@ class TaskTable(_Table):
     @property
     def avoided(self) -> tuple[Term, ...]:
         """The goals by which the scene is avoided, as far as the task does not state its own."""
-        own = self.avoid if isinstance(self.avoid, dict) else {}
-        passing = {"margin": PASSING} if self._walks and self.scene.objects else {}
-        wanted = {"sdf_penetration": {**AVOID, **passing, **own}} | ({"foot_contact": GROUND} if self._walks else {})
+        return self.avoiding()
+
+    def avoiding(
+        self, walks: bool = False, touches: Mapping[str, Sequence[tuple[float, float]]] | None = None
+    ) -> tuple[Term, ...]:
+        """The same for somebody who walks besides, and whose joints may touch things in some windows (s)."""
+        own, walks = self.avoid if isinstance(self.avoid, dict) else {}, walks or self._walks
+        passing = {"margin": PASSING} if walks and self.scene.objects else {}
+        touching = {"touches": {joint: list(when) for joint, when in touches.items()}} if touches else {}
+        wanted = {"sdf_penetration": {**AVOID, **passing, **touching, **own}} | (
+            {"foot_contact": GROUND} if walks else {}
+        )
         stated = {term.goal for term in self.terms}
         if own and "sdf_penetration" in stated:
             raise UserError("'avoid' has keys of sdf_penetration, and a goal replaces that; keep one of them")
         scene = self.scene
         meshes = bool(scene.meshes if isinstance(scene, Scene) else scene.bundled or scene.file)
         things = meshes or scene.primitives or scene.objects
-        asked = self.walk is not None or any(term.weight > 0 for term in self.terms)
+        asked = self.walk is not None or self.actions or any(term.weight > 0 for term in self.terms)
         terms = (Term.from_table({**table, "use": use}) for use, table in wanted.items() if use not in stated)
         return tuple(terms) if self.avoid is not False and (things or asked) else ()
 
@@ -373,6 +416,7 @@ class TaskTable(_Table):
         walk = None if self.walk is None else self.walk.moved(by)
         seen = self.model_copy(update={"start": start, "walk": walk, "goals": goals})
         seen.__dict__.pop("terms", None)  # the copy would keep those of the goals before
+        seen.__dict__["script"] = tuple(entry.moved(by) for entry in self.script)
         return seen
 
     def load_scene(self) -> Scene:
@@ -389,10 +433,12 @@ class TaskTable(_Table):
 
     def dump(self) -> dict[str, Any]:
         """Plain values that `Task(**values)` builds the same task from, as far as its scene comes from files."""
-        values = self.model_dump(mode="json", by_alias=False, exclude={"scene", "goals"})
+        values = self.model_dump(mode="json", by_alias=False, exclude={"scene", "goals", "actions"})
         scene = self.scene
         table = scene_table(scene) if isinstance(scene, Scene) else scene.model_dump(mode="json", exclude_unset=True)
         values["scene"] = table
+        if self.actions:
+            values["actions"] = [plain(table) for table in self.actions]
         values["goals"] = [term_table(g) if isinstance(g, Term) else plain(g) for g in self.goals]
         return values
 

@@ -9,8 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from objectives import Context, Objective
+from objectives import Context, Objective, Term
+from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import Spec
+from scenectl.tasks.actions.script import Script, scripted
+from scenectl.tasks.actions.state import State, World
 from scenectl.tasks.conditions import Target, targets_of
 from scenectl.tasks.schema import Start, TaskTable
 from scenectl.tasks.walk import FASTEST_WALK, WAIT, Schedule, Walk, room_of, seconds_for, walk_terms
@@ -43,6 +46,8 @@ class Setup:
         start: rigid transform of the canonical motion, metres and radians.
         seconds: length.
         path: the planned walk, ``[P, 3]`` metres on the ground, or None.
+        prompts: the sentences, with their times.
+        script: the planned script, where the task has one.
         unreached: on targets that nobody gets to from the start, and on starts from which that is not known.
     """
 
@@ -54,6 +59,8 @@ class Setup:
     start: Pose2D
     seconds: float
     path: np.ndarray | None
+    prompts: Prompts
+    script: Script | None = None
     unreached: tuple[str, ...] = ()
 
     @property
@@ -64,7 +71,7 @@ class Setup:
     @property
     def doubts(self) -> tuple[str, ...]:
         """The scene's, and what is unusual about prompts, targets and the walk, one sentence each."""
-        doubts = (*self.scene.doubts, *self.task.prompts.doubts(self.seconds), *self.unreached)
+        doubts = (*self.scene.doubts, *self.prompts.doubts(self.seconds), *self.unreached)
         if self.path is None:
             return doubts
         doubts = (*doubts, *filter(None, [coarse(self.scene)]))
@@ -114,17 +121,49 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     free = isinstance(task.start, Start) and task.start.free  # who may start elsewhere may be anywhere
     reached = scene if free else scene.reached_from(place)
     context = Context(reached, body)
-    path = None if task.walk is None or area is None else _path(task.walk, area, place)
-    seconds = _seconds(task, path, spec, body)
-    task.prompts.check(seconds)
+    script = _script(task, World(scene, body, spec), place, start) if task.actions else None
+    if script is not None:
+        path, seconds, prompts = script.path, script.seconds, script.prompts
+    else:
+        path = None if task.walk is None or area is None else _path(task.walk, area, place)
+        seconds, prompts = _seconds(task, path, spec, body), task.prompts
+    prompts.check(seconds)
     if start is None:
-        start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), _heading(task, path))
-    walk = () if task.walk is None or path is None else walk_terms(task.walk, path, seconds, spec.fps, task.terms, body)
-    objective = Objective((*walk, *task.terms, *task.avoided))
+        heading = _heading(task, path) if script is None else script.stretches[0].before.heading
+        start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), heading)
+    objective = Objective((*_led(task, script, path, seconds, spec, body), *task.terms, *_avoided(task, script)))
     objective.check(context, seconds, spec.fps)
     unreached = _unreached(reached, targets_of(objective, context, start, seconds, spec), place[1])
     unreached += () if free else _astray(reached, place)
-    return Setup(task, scene, body, context, objective, start, seconds, path, unreached)
+    return Setup(task, scene, body, context, objective, start, seconds, path, prompts, script, unreached)
+
+
+def _led(
+    task: TaskTable, script: Script | None, path: np.ndarray | None, seconds: float, spec: Spec, body: ProxyBody
+) -> Iterable[Term]:
+    """The goals of the actions, or of the walk."""
+    if script is not None:
+        return script.terms
+    return () if task.walk is None or path is None else walk_terms(task.walk, path, seconds, spec.fps, task.terms, body)
+
+
+def _avoided(task: TaskTable, script: Script | None) -> tuple[Term, ...]:
+    return task.avoided if script is None else task.avoiding(script.path is not None, script.touches)
+
+
+def _script(task: TaskTable, world: World, place: Place, start: Pose2D | None) -> Script:
+    """The script planned from the start; who is not told which way to face at first faces the first way to go.
+
+    Of a finished motion only what the task does not state counts, so that its script has the times it was made for.
+    """
+    stated = task.start.heading if isinstance(task.start, Start) else None
+    if isinstance(task.start, Start):
+        place = _stated(world.scene, task.start)
+    heading = stated if stated is not None else 0.0 if start is None else start.heading
+    first = scripted(task.script, world, State(place, heading))
+    if stated is not None or (way := first.stretches[0].act.path) is None:
+        return first
+    return scripted(task.script, world, State(place, heading_along(way)))
 
 
 def _unreached(scene: Scene, targets: Iterable[Target], ground: float) -> tuple[str, ...]:
@@ -168,8 +207,7 @@ def _place(
 ) -> tuple[float, float, float]:
     """Ground point of the start: stated, sampled, or the origin."""
     if isinstance(task.start, Start):
-        p = task.start.position
-        return (p[0], _ground(scene, p[0], p[1]), p[1]) if len(p) == 2 else (p[0], p[1], p[2])
+        return _stated(scene, task.start)
     if task.start is None and not (scene.meshes or scene.primitives or scene.objects):
         return 0.0, scene.floor.height, 0.0
     area = free_area(scene, *room_of(body)) if area is None else area
@@ -188,6 +226,12 @@ def _place(
         if 1.0 <= length <= 0.75 * FASTEST_WALK * body.size * min(task.seconds or window, window):
             return place
     raise UserError(f"no free start from which {_at(scene, task.walk.to)} can be walked to was found; state 'start'")
+
+
+def _stated(scene: Scene, start: Start) -> Place:
+    """Ground point of a stated start."""
+    p = start.position
+    return (p[0], _ground(scene, p[0], p[1]), p[1]) if len(p) == 2 else (p[0], p[1], p[2])
 
 
 def _ground(scene: Scene, x: float, z: float) -> float:

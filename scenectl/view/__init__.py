@@ -18,6 +18,7 @@ from scenes.world.scene import Scene
 
 if TYPE_CHECKING:
     from scenectl.pipeline.results import Result
+    from scenectl.tasks.setup import Setup
 
 __all__ = ["Picture", "draw_result", "draw_scene", "of_folder", "of_motion", "of_result", "of_scene", "open_window"]
 
@@ -30,8 +31,13 @@ def of_scene(scene: Scene) -> Picture:
 def of_result(result: Result, sample: int = 0) -> Picture:
     """One motion of a result in its scene; 0 is the best."""
     setup, row = result.setup, result.report["samples"][sample]
-    motion = result.motion[sample].seen_from(setup.origin)
-    return _judged(Picture(setup.scene, motion, setup.path, setup.objective, str(setup.task.prompts), setup.body), row)
+    return _judged(of_setup(setup, result.motion[sample]), row)
+
+
+def of_setup(setup: Setup, motion: Motion) -> Picture:
+    """One motion ``[T, J, 3]``, in the world, of a task that is built."""
+    seen = motion.seen_from(setup.origin)
+    return Picture(setup.scene, seen, setup.path, setup.objective, str(setup.prompts), setup.body)
 
 
 def of_motion(motion: Motion, title: str = "") -> Picture:
@@ -55,6 +61,8 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     planned, scene = report.get("walk"), task.load_scene()
     body = task.load_body()
     origin = task.origin(scene, start_of(one, body))
+    if task.actions:  # planned again from where it began, which takes no generator
+        return _judged(of_setup(task.build(start=start_of(one, body), scene=scene), one), report["samples"][sample])
     task, one, scene = task.seen_from(origin), one.seen_from(origin), scene.seen_from(origin)
     path = None if planned is None else np.array(planned["path"]) - origin
     seconds, walk = float(report["seconds"]), task.walk

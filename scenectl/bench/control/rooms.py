@@ -216,7 +216,7 @@ def _farthest(room: Room, radius: float) -> float:
 def _walk(room: Room, task: Task, generator: Generator, samples: int, seed: int) -> dict[str, Any]:
     assert task.walk is not None
     setup = task.build(seed, scene=room.scene, spec=generator.spec)
-    free = generator.generate(task.prompts, setup.seconds, setup.start, seed=seed).motion[0]
+    free = generator.generate(setup.prompts, setup.seconds, setup.start, seed=seed).motion[0]
     result = run(task, samples, seed, generator, setup=setup, scorer=room.scorer)
     motion, path = result.motion[0], setup.path
     assert path is not None

@@ -11,7 +11,7 @@ from objectives.signatures import Parameter, checked, parameters_of, summary_of
 from scenectl.tasks.actions.state import Act, Posture, State, World
 from scenes.errors import UserError, clipped, did_you_mean
 
-KEYS = ("do", "name")
+KEYS = ("do", "name", "goal")
 """Keys of an [[action]] table that are no parameters of its function."""
 _FIRST = ("world", "state")
 

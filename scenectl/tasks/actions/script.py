@@ -27,12 +27,14 @@ class Entry:
         spec: the action.
         parameters: converted and checked.
         name: for reports; the action's where it states none.
+        goals: of its [[action.goal]] tables; their times are seconds of the act.
     """
 
     number: int
     spec: ActionSpec
     parameters: Mapping[str, Any]
     name: str
+    goals: tuple[Term, ...] = ()
 
     @classmethod
     def of(cls, number: int, table: Any, folder: Path | None = None) -> Entry:
@@ -47,7 +49,8 @@ class Entry:
         try:
             spec = get_action(table["do"])
             given = {key: value for key, value in table.items() if key not in KEYS}
-            return cls(number, spec, spec.validate(given, folder, f"'{spec.name}'"), name)
+            goals = tuple(Term.from_table(goal, folder) for goal in _goals(table.get("goal", ())))
+            return cls(number, spec, spec.validate(given, folder, f"'{spec.name}'"), name, goals)
         except UserError as error:
             raise UserError(f"action {number}: {error}") from error
 
@@ -59,7 +62,8 @@ class Entry:
     def moved(self, by: Place) -> Entry:
         """The same where everything lies so much (m) further."""
         hints = self.spec.parameters
-        return replace(self, parameters={k: moved(hints[k].hint, value, by) for k, value in self.parameters.items()})
+        further = {key: moved(hints[key].hint, value, by) for key, value in self.parameters.items()}
+        return replace(self, parameters=further, goals=tuple(goal.moved(by) for goal in self.goals))
 
     def act(self, world: World, state: State) -> Act:
         """What it comes to from a state; raises UserError naming the entry where it cannot be done."""
@@ -72,19 +76,27 @@ class Entry:
         return act
 
 
+def _goals(tables: Any) -> Sequence[Mapping[str, Any]]:
+    """[[action.goal]] tables; raises UserError for anything else."""
+    if not isinstance(tables, list | tuple) or not all(isinstance(table, Mapping) for table in tables):
+        raise UserError(f"'goal' must be [[action.goal]] tables, not {shown(tables)}")
+    return tables
+
+
 @dataclass(frozen=True)
 class Stretch:
-    """An act on the clock of its script, from `begin` to `end` (s); its goals begin with the entry's label."""
+    """An act on the clock of its script, from `begin` to `end` (s); and the state that it begins in."""
 
     entry: Entry
     begin: float
     end: float
     act: Act
+    before: State
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """Its goals on the script's clock."""
-        here = (term.during(self.begin, self.end) for term in self.act.terms)
+        here = (term.during(self.begin, self.end) for term in (*self.act.terms, *self.entry.goals))
         return tuple(replace(term, name=f"{self.entry.number} {self.entry.name}: {term.name}") for term in here)
 
 
@@ -101,12 +113,23 @@ class Script:
     @property
     def prompts(self) -> Prompts:
         """The sentences of all acts with their times."""
-        return Prompts(tuple(prompt for one in self.stretches for prompt in one.act.prompts(one.begin)))
+        return Prompts(tuple(prompt for one in self.stretches for prompt in one.act.prompts(one.begin, one.end)))
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """The goals of all acts."""
         return tuple(term for one in self.stretches for term in one.terms)
+
+    @property
+    def touches(self) -> dict[str, list[tuple[float, float]]]:
+        """Joints whose part of the body may touch the scene, and from when to when (s)."""
+        found: dict[str, list[tuple[float, float]]] = {}
+        for one in self.stretches:
+            stated = {joint: (one.begin + a, one.begin + b) for joint, (a, b) in one.act.touches.items()}
+            stays = one.before.touches if one.act.then.touches == one.before.touches else ()
+            for joint, window in (dict.fromkeys(stays, (one.begin, one.end)) | stated).items():
+                found.setdefault(joint, []).append(window)
+        return found
 
     @property
     def path(self) -> np.ndarray | None:
@@ -126,7 +149,7 @@ def scripted(entries: Sequence[Entry], world: World, state: State) -> Script:
     for entry in entries:
         act = entry.act(world, state)
         end = round((clock + act.seconds) / frame) * frame  # acts begin and end at frames
-        stretches.append(Stretch(entry, clock, end, act))
+        stretches.append(Stretch(entry, clock, end, act, state))
         clock, state = end, act.then
     script, longest = Script(tuple(stretches)), world.spec.longest
     if script.seconds > longest:

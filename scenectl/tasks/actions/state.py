@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from objectives import Context, Term
+from objectives import Term
 from scenectl.generators.prompts import Prompt
 from scenectl.generators.spec import Spec
 from scenes.body.body import ProxyBody
@@ -35,11 +35,6 @@ class World:
     spec: Spec
     _areas: dict[tuple[float, float], FreeArea] = field(default_factory=dict, repr=False, compare=False)
 
-    @property
-    def context(self) -> Context:
-        """What the goals of an action may look at."""
-        return Context(self.scene, self.body)
-
     def area(self, radius: float, height: float) -> FreeArea:
         """Where on the ground somebody of a radius and a height (m) can be; mapped once."""
         if (radius, height) not in self._areas:
@@ -55,13 +50,17 @@ class State:
         place: on the ground under the pelvis, m; of somebody who sits, where the pelvis is.
         heading: rad about +y, 0 faces +z and pi/2 +x.
         posture: "standing" or "sitting".
-        rise: place and heading of where the feet stand, for somebody who sits and may get up.
+        keeps: goals that hold as long as the body stays as it is, such as its contact with a seat.
+        touches: joints whose part of the body touches the scene meanwhile.
+        feet: where the feet stand of somebody who sits: a place on the ground where they can stand up to.
     """
 
     place: Place
     heading: float
     posture: Posture = "standing"
-    rise: tuple[Place, float] | None = None
+    keeps: tuple[Term, ...] = ()
+    touches: tuple[str, ...] = ()
+    feet: Place | None = None
 
     def at(self, place: Sequence[float] | np.ndarray, heading: float) -> State:
         """Standing elsewhere."""
@@ -88,6 +87,7 @@ class Act:
         then: the state in which it leaves the body.
         terms: its goals; their times are seconds of the act.
         path: the way that it plans, ``[P, 3]`` m on the ground, where it walks.
+        touches: joints whose part of the body may touch the scene, and from when to when (s).
     """
 
     sentence: str | tuple[Prompt, ...]
@@ -95,17 +95,14 @@ class Act:
     then: State
     terms: tuple[Term, ...] = ()
     path: np.ndarray | None = None
+    touches: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    def prompts(self, begin: float) -> tuple[Prompt, ...]:
-        """Its sentences on the clock of a script that it begins at (s)."""
-        end = begin + self.seconds
+    def prompts(self, begin: float, end: float) -> tuple[Prompt, ...]:
+        """Its sentences on the clock of a script, in which it is from `begin` to `end` (s)."""
         if isinstance(self.sentence, str):
             return (Prompt(self.sentence, begin, end),)
-        ends = [*(prompt.begin for prompt in self.sentence[1:]), self.seconds]
-        return tuple(
-            Prompt(p.text, begin + p.begin, begin + (e if p.end is None else p.end))
-            for p, e in zip(self.sentence, ends, strict=True)
-        )
+        begins = [*(min(begin + prompt.begin, end) for prompt in self.sentence), end]
+        return tuple(Prompt(p.text, a, b) for p, a, b in zip(self.sentence, begins[:-1], begins[1:], strict=True))
 
 
 def turn(heading: float) -> float:

@@ -1,0 +1,60 @@
+"""What several actions ask for: staying at a place, facing a way, and places of both kinds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from objectives import FloorPoint, Point, Term
+from scenectl.tasks.actions.state import State, World
+
+Place = Point | FloorPoint
+"""[x, z] on the floor, or [x, y, z], world m."""
+Seconds = Annotated[float, Field(gt=0, le=120)]
+"""A duration."""
+Speed = Annotated[float, Field(gt=0.1, le=4.0)]
+"""Metres a second on foot."""
+
+FULL, ABOUT = math.radians(120), math.radians(35)
+"""Turns from which on a sentence says "turns around", and from which on it says that somebody turns (rad)."""
+TURNING, SETTLING = math.radians(105), 0.6
+"""Turns in place take the time for this rate (rad/s) and so much longer (s): those that are found in recordings turn
+half round in 2.3 s in the median."""
+UPRIGHT = 0.85
+"""Metres over the ground of an adult's pelvis that stands or bends the knees a little; with straight legs it is at
+0.93."""
+NEAR = 0.25
+"""Metres within which somebody stays who does something on the spot."""
+
+
+def kept(state: State, seconds: float) -> tuple[Term, ...]:
+    """What holds while the body stays as it is: the pelvis near its place, and what its posture keeps."""
+    x, _, z = state.place
+    near: dict[str, Any] = {"path": [[x - 1e-3, z], [x + 1e-3, z]], "half_width": NEAR}
+    stays = Term("follow_path", near, 0.5, tolerance=0.05, window=(0.0, seconds), name="stays")
+    return stays, *(replace(term, window=(0.0, seconds)) for term in state.keeps)
+
+
+def facing(heading: float, window: tuple[float, float], within: float = 20.0, weight: float = 1.0) -> Term:
+    """The pelvis turned to a heading (rad) within so many degrees."""
+    asked = {"part": "pelvis", "heading": heading, "within": within}
+    return Term("face", asked, weight, tolerance=15.0, window=window, name="faces")
+
+
+def upright(world: World, ground: float, window: tuple[float, float]) -> Term:
+    """The pelvis as high over the ground (m, world) as that of somebody who stands, or nearly."""
+    tall: dict[str, Any] = {"limit": ground + UPRIGHT * world.body.size, "mode": "above", "joints": "pelvis"}
+    return Term("height_limit", tall, 20.0, tolerance=0.05, window=window, name="upright")
+
+
+def turning(way: float) -> float:
+    """Seconds in which somebody turns by an angle (rad) in place."""
+    return abs(way) / TURNING + SETTLING
+
+
+def side(way: float) -> str:
+    """ "left" or "right", of a turn (rad about +y)."""
+    return "left" if way > 0 else "right"
