@@ -57,8 +57,8 @@ def contact(
         surface: name of a part of the scene; by default all of it.
         position: a point of the surface, world m, that the part's middle is over or before, within 0.2 m.
         slide: speed over the surface that is free, m/s.
-        within: distance from the surface that is as good, m: large while the part is on its way there, where it need not
-            touch but shall not go in.
+        within: distance from the surface that is as good, m: large while the part is on its way there, when it need
+            not touch but shall not go in.
 
     Raises:
         UserError: a part of the body without samples, or a name that the scene does not know.

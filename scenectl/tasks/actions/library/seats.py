@@ -78,11 +78,10 @@ def stand_up(world: World, state: State, *, seconds: Seconds = UP) -> Act:
     still = [replace(term, window=(0.0, LEAVING)) for term in state.keeps]
     on = next(term.parameters.get("surface") for term in state.keeps if term.goal == "contact")
     leaves, tall = _between(on, (LEAVING, 0.8 * seconds)), upright(world, state.feet[1], end)
+    terms = (*still, leaves, target, tall, facing(state.heading, end))
+    touches = dict.fromkeys(THIGHS, (0.0, 0.8 * seconds))
     then = State(state.feet, state.heading)
-    return Act(
-        "a person stands up from a chair.", seconds, then, (*still, leaves, target, tall, facing(state.heading, end)), None,
-        dict.fromkeys(THIGHS, (0.0, 0.8 * seconds)),
-    )  # fmt: skip
+    return Act("a person stands up from a chair.", seconds, then, terms, None, touches)
 
 
 def _between(on: str | Point | None, window: tuple[float, float]) -> Term:
