@@ -224,10 +224,11 @@ class Term:
         Joints (none: the whole body), and the windows (s) in which they may (None: always), each.
         """
         joints, windows, touches = (self.parameters.get(name) for name in EXEMPT)
-        found = [((joint,), tuple(map(tuple, when))) for joint, when in (touches or {}).items()]
+        found: list[tuple[tuple[str, ...], tuple[tuple[float, float], ...] | None]]
+        found = [((joint,), tuple(when)) for joint, when in (touches or {}).items()]
         if joints or windows is not None:
             named = (joints,) if isinstance(joints, str) else tuple(joints or ())
-            found.append((named, None if windows is None else tuple(map(tuple, windows))))
+            found.append((named, None if windows is None else tuple(windows)))
         return tuple(found)
 
     @property

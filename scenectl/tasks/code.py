@@ -33,4 +33,4 @@ def allow_code(path: str | Path) -> list[str]:
 
 def _known() -> set[str]:
     """Names of all goals and actions."""
-    return {spec.name for spec in (*goals(), *actions())}
+    return {spec.name for spec in goals()} | {spec.name for spec in actions()}

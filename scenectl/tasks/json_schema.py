@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from objectives.tables import goal_tables
 from scenectl.generators import registry
+from scenectl.tasks.actions import ActionSpec, actions
 from scenectl.tasks.schema import GeneratorSpec, ObjectSpec, SceneSpec, Start, TaskTable
 from scenectl.tasks.walk import Spot
 from scenes.mesh.primitives import PRIMITIVES
@@ -44,11 +45,25 @@ def task_schema() -> dict[str, Any]:
         start=(_any((Literal["sample"], Start, Spot, None)), None),
         generator=(_any(map(_generator, dict.fromkeys(registry.names()))), GeneratorSpec()),
         goals=(tuple[_any(goal_tables(), key="use"), ...], Field((), alias="goal")),  # type: ignore[misc]
+        actions=(tuple[_any(map(_action, actions()), key="do"), ...], Field((), alias="action")),  # type: ignore[misc]
     )
     schema = task.model_json_schema()
     del schema["properties"]["folder"]  # a name for Python; in a file it is implied
     timed = {"properties": {"prompt": {"type": "array"}}}  # whose last may say when it ends
-    return {**schema, "anyOf": [*({"required": [key]} for key in ("seconds", "walk")), timed]}
+    told = {"required": ["prompt"], "anyOf": [*({"required": [key]} for key in ("seconds", "walk")), timed]}
+    script = {"required": ["action"], "not": {"anyOf": [{"required": [key]} for key in ("prompt", "seconds", "walk")]}}
+    return {**schema, "oneOf": [told, script]}
+
+
+def _action(spec: ActionSpec) -> type[BaseModel]:
+    """The [[action]] table of an action."""
+    stated: dict[str, Any] = {
+        parameter.name: (parameter.hint, Field(parameter.default, description=parameter.doc or None))
+        for parameter in spec.parameters.values()
+    }
+    stated |= {"do": (Literal[spec.name], ...), "name": (str, spec.name)}
+    stated["goal"] = (tuple[_any(goal_tables(), key="use"), ...], ())  # type: ignore[misc]
+    return create_model(f"action {spec.name}", __config__=ConfigDict(extra="forbid"), __doc__=spec.summary, **stated)
 
 
 def _like(model: type[BaseModel], **changed: Any) -> type[BaseModel]:

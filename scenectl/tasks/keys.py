@@ -18,13 +18,14 @@ from objectives.docstrings import meanings
 from objectives.parameters import describe
 from objectives.registry import TERM_KEYS
 from scenectl.generators.registry import DEFAULT, find
+from scenectl.tasks.actions.script import Entry
 from scenectl.tasks.schema import TaskTable, known_keys
 from scenes.errors import UserError, did_you_mean
 from scenes.mesh.primitives import PRIMITIVES
 from scenes.motion.waypoints import Waypoints
 from scenes.validation import models_of
 
-GOAL, SHAPES = "goal", "scene.primitives"
+GOAL, SHAPES, ACTION = "goal", "scene.primitives", "action"
 """Tables of which no pydantic model is."""
 _UNITS = {
     r"\(m/s\)|metres a second": "m/s", r"\(rad\)|[Rr]adians": "rad", r"\(nats\)": "nats", r"\(m\)|metres": "m",
@@ -53,6 +54,14 @@ class Key:
     meaning: str
 
 
+_ENTRY = (
+    Key("do", "a text", "required", "", "the action"),
+    Key("name", "a text", "", "", "for reports; by default the action's"),
+    Key("goal", "[[action.goal]] tables", "", "", "further goals; their times count from where the action begins"),
+)
+"""Keys of every [[action]] table."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A table of a task file.
@@ -77,6 +86,7 @@ def tables() -> dict[str, Table]:
     more = f"the last {len(own)} are those of '{DEFAULT}'"
     found["generator"] = Table(shared.name, shared.summary, (*shared.keys, *own), more)
     found[GOAL] = Table(GOAL, _summary(Term), tuple(_term_keys()), "scenectl goals NAME shows those of each goal")
+    found[ACTION] = Table(ACTION, _summary(Entry), _ENTRY, "scenectl actions NAME shows those of each action")
     found[SHAPES] = Table(SHAPES, "Shapes that stand in the scene.", tuple(_shape_keys()))
     return found
 

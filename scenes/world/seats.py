@@ -116,7 +116,7 @@ def _surface(scene: Scene, on: str | Sequence[float]) -> tuple[np.ndarray, float
             f"{f'; surfaces there are {known} m high' if known else ''}"
         )
     level = float(heights[at][close[at]][0])
-    return _joined((np.abs(heights - level) < 0.06).any(axis=2), at), level
+    return _joined(np.asarray((np.abs(heights - level) < 0.06).any(axis=2)), at), level
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:

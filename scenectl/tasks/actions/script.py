@@ -20,7 +20,7 @@ from scenes.motion.frames import Place
 
 @dataclass(frozen=True)
 class Entry:
-    """One [[action]] table.
+    """One thing that is done, after the one before it.
 
     Attributes:
         number: its place in the script, from 1.

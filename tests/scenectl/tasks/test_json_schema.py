@@ -94,6 +94,14 @@ GOOD: dict[str, dict[str, Any]] = {
         "kind": "arc", "center": [0, 0.9, 2], "radius": 1.5, "angles": [0, 1.57], "times": [1, 2]}}]},
     "a track in place": {"goal": [{"use": "joint_target", "track": {"kind": "array", "positions": [[0, 1, 0]] * 60}}]},
     "a moment": {"goal": [{"use": "joint_target", "position": [0, 1], "sometime": [1, 2], "kernel": "huber"}]},
+    "a script": {
+        "prompt": None,
+        "seconds": None,
+        "action": [
+            {"do": "walk", "to": [0.0, 2.0], "via": [[1.0, 1.0]], "how": "backwards"},
+            {"do": "sit", "on": "chair", "name": "rest", "goal": [{"use": "face", "heading": 0.0, "at": 1.0}]},
+        ],
+    },
     "a scene that is not avoided": {"avoid": False},
     "what may touch": {"avoid": {"exempt": ["right_wrist"], "margin": 0.01}},
     "every shape": {"scene": {"primitives": [
@@ -135,6 +143,9 @@ BAD: dict[str, dict[str, Any]] = {
     "an object without times": {"scene": {"objects": [{"mesh": "x.glb", "positions": [[0, 0, 0]]}]}},
     "an unknown generator": {"generator": {"name": "mscott"}},
     "another key of a generator": {"generator": {"sway": 1.0}},
+    "a script with a sentence": {"seconds": None, "action": [{"do": "stand"}]},
+    "an action that is none": {"prompt": None, "seconds": None, "action": [{"do": "fly"}]},
+    "an action without what it needs": {"prompt": None, "seconds": None, "action": [{"do": "walk"}]},
     "what is avoided in words": {"avoid": "walls"},
     "another goal's key to avoid by": {"avoid": {"half": 1.0}, "scene": "corridor"},
     "no threads": {"generator": {"threads": 0}},

@@ -57,8 +57,8 @@ def sit(world: World, state: State, *, on: str | Point, seconds: Seconds = 3.0, 
     then = State((seat.hips[0], seat.stand[1], seat.hips[2]), seat.heading, "sitting", keeps, THIGHS, seat.stand)
     before = () if way is None else way.prompts(0.0, begin)
     turns = "turns around" if abs(turned) > FULL else f"turns to the {side(turned)}"
-    told = (Prompt(f"a person {turns}.", begin),) if down > begin else ()
-    told += (Prompt("a person sits down on a chair.", down), Prompt("a person sits on a chair.", rests))
+    told = [Prompt(f"a person {turns}.", begin)] if down > begin else []
+    told += [Prompt("a person sits down on a chair.", down), Prompt("a person sits on a chair.", rests)]
     path, first = (None, ()) if way is None else (way.path, tuple(t.during(0.0, begin) for t in way.terms))
     return Act((*before, *told), lasts, then, (*first, *terms), path, dict.fromkeys(THIGHS, (down, lasts)))
 
