@@ -18,8 +18,11 @@ LOWEST, HIGHEST = 0.25, 0.8
 """Heights (m) over the ground of what is sat on, from a step to a bar stool's rung."""
 INSET = 0.18
 """Metres from a seat's front edge back to the hips of somebody who sits on it: half of a thigh is on the seat."""
-BEFORE = 0.35
-"""Metres from the front edge to where somebody stands who is about to sit down: calves a foot's length off it."""
+BEFORE = 0.22
+"""Metres from the front edge to where somebody stands who is about to sit down: ankles are then under the knees once
+the hips are `INSET` behind the edge, with a thigh of 0.4 m."""
+NARROW = 0.15
+"""Metres that are clear around somebody who stands so close to a seat."""
 BACK = (0.12, 0.62)
 """Metres behind the hips in which a backrest is looked for, `OVER` (m) over the seat."""
 OVER = 0.3
@@ -148,7 +151,7 @@ def _facing(scene: Scene, area: FreeArea, cells: np.ndarray, middle: np.ndarray,
     askew = float(np.ptp([front.max() for front in fronts if len(front)]))
     hips = middle + (edge - min(INSET, depth / 2)) * ahead
     stand = middle + (edge + BEFORE) * ahead
-    if not area.contains(stand, 0.2):
+    if not area.contains(stand, NARROW):
         return None
     ground = float(scene.ground_at(stand[0], stand[1]))
     # Knees and trunk on their way: nothing but the seat itself between standing and sitting.

@@ -15,7 +15,7 @@ from scenectl.tasks.walk import room_of
 from scenes.body.body import ProxyBody
 from scenes.errors import UserError
 from scenes.motion.skeleton import FEET
-from scenes.world.seats import Seat, find_seat
+from scenes.world.seats import NARROW, Seat, find_seat
 
 DOWN, UP = 1.5, 2.0
 """Seconds that sitting down and standing up take: the pelvis is on its way for 0.8 and 0.7 s in the median of the
@@ -96,7 +96,7 @@ def _approach(world: World, state: State, seat: Seat) -> tuple[Act | None, State
     x, _, z = seat.stand
     if (state.place[0] - x) ** 2 + (state.place[2] - z) ** 2 <= NEAR**2:
         return None, state
-    way = walk(world, state, to=Point(*seat.stand), radius=min(0.2, room_of(world.body)[0]))
+    way = walk(world, state, to=Point(*seat.stand), radius=NARROW)
     return way, way.then
 
 
