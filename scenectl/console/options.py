@@ -33,7 +33,8 @@ Joints = Annotated[
     typer.Option(metavar="MAPPING", help="TOML or JSON: {our joint: theirs}, where names don't tell."),
 ]
 AllowCode = Annotated[
-    Path | None, typer.Option("--allow-code", metavar="FILE.py", help="Run this file for its @goal and @action functions.")
+    Path | None,
+    typer.Option("--allow-code", metavar="FILE.py", help="Run this file for its @goal and @action functions."),
 ]
 AllowUnmet = Annotated[
     bool, typer.Option("--allow-unmet", help="Exit with 0, not 3, where no sample is both met and believable.")

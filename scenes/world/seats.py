@@ -26,6 +26,8 @@ NARROW = 0.15
 BACK = (0.12, 0.62)
 """Metres behind the hips in which a backrest is looked for, `OVER` (m) over the seat."""
 OVER = 0.3
+SAME, OFF = 0.04, 0.1
+"""Metres within which heights are one level, and by which a stated point may be off the surface."""
 ARM = 0.12
 """Metres that the trunk keeps to both sides, over the seat, on its way there."""
 
@@ -90,36 +92,45 @@ def find_seat(
 
 def _surface(scene: Scene, on: str | Sequence[float]) -> tuple[np.ndarray, float]:
     """Cells ``[X, Z]`` of the surface that is meant, and its height (m)."""
-    levels, floor = scene.levels, scene.floor.height
-    heights = levels.heights
+    heights, floor = scene.levels.heights, scene.floor.height
     high = (heights > floor + LOWEST) & (heights < floor + HIGHEST)
-    if isinstance(on, str):
-        low, top = scene.part(on).bounds
-        x, z = (levels.origin[k] + levels.cell * np.arange(heights.shape[k]) for k in (0, 1))
-        inside = ((x >= low[0]) & (x <= top[0]))[:, None] & ((z >= low[2]) & (z <= top[2]))
-        mine = high & inside[..., None] & (heights <= top[1] + 0.02)
-        if not mine.any():
-            raise UserError(
-                f"'{on}' has no surface between {floor + LOWEST:.2f} and {floor + HIGHEST:.2f} m to sit on; name another "
-                "part or a point"
-            )
-        values = heights[mine]
-        counts = np.bincount(np.floor((values - values.min()) / 0.04).astype(int))
-        level = values.min() + 0.04 * (int(counts.argmax()) + 0.5)
-        mask = (mine & (np.abs(heights - level) < 0.06)).any(axis=2)
-        return _largest(mask), float(np.median(heights[mine & mask[..., None] & (np.abs(heights - level) < 0.06)]))
-    at = tuple(int(round((on[axis] - levels.origin[k]) / levels.cell)) for k, axis in enumerate((0, 2)))
+    return _of_part(scene, on, high) if isinstance(on, str) else _at_point(scene, on, high)
+
+
+def _of_part(scene: Scene, name: str, high: np.ndarray) -> tuple[np.ndarray, float]:
+    """The largest level of a named part, of surfaces ``[X, Z, K]`` that are as high as seats."""
+    levels, floor = scene.levels, scene.floor.height
+    heights, (low, top) = levels.heights, scene.part(name).bounds
+    x, z = (levels.origin[k] + levels.cell * np.arange(heights.shape[k]) for k in (0, 1))
+    inside = ((x >= low[0]) & (x <= top[0]))[:, None] & ((z >= low[2]) & (z <= top[2]))
+    mine = high & inside[..., None] & (heights <= top[1] + SAME)
+    if not mine.any():
+        raise UserError(
+            f"'{name}' has no surface between {floor + LOWEST:.2f} and {floor + HIGHEST:.2f} m to sit on; name another "
+            "part or a point"
+        )
+    bins = np.floor((heights[mine] - heights[mine].min()) / SAME).astype(int)
+    level = float(heights[mine].min()) + SAME * (int(np.bincount(bins).argmax()) + 0.5)
+    close = mine & (np.abs(heights - level) <= SAME)
+    mask = _largest(close.any(axis=2))
+    return mask, float(np.median(heights[close & mask[..., None]]))
+
+
+def _at_point(scene: Scene, on: Sequence[float], high: np.ndarray) -> tuple[np.ndarray, float]:
+    """What hangs together with the surface at a point (m), of those that are as high as seats."""
+    levels, heights = scene.levels, scene.levels.heights
+    at = tuple(round((on[axis] - levels.origin[k]) / levels.cell) for k, axis in enumerate((0, 2)))
     if not all(0 <= index < size for index, size in zip(at, heights.shape, strict=False)):
-        raise UserError(f"the point {list(on)} lies outside the scene")
-    close = high & (np.abs(heights - on[1]) < 0.1)
-    if not close[at].any():
+        raise UserError(f"the point {[round(float(v), 2) for v in on]} lies outside the scene")
+    close = high[at] & (np.abs(heights[at] - on[1]) < OFF)
+    if not close.any():
         known = ", ".join(f"{height:.2f}" for height in heights[at] if np.isfinite(height))
         raise UserError(
             f"there is nothing to sit on at {[round(float(v), 2) for v in on]}"
             f"{f'; surfaces there are {known} m high' if known else ''}"
         )
-    level = float(heights[at][close[at]][0])
-    return _joined(np.asarray((np.abs(heights - level) < 0.06).any(axis=2)), at), level
+    level = float(heights[at][close][0])
+    return _joined(np.asarray((np.abs(heights - level) <= SAME).any(axis=2)), at), level
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:
