@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
+from pydantic import Field
 from torch import Tensor
 
 from scenectl.data.features import (
@@ -57,11 +60,14 @@ class ReconstructionTraining(Table):
         loop: length and speed.
         frames: window lengths, one drawn for each batch.
         reconstruction: weights of the reconstruction terms.
+        misread: share of the tokens of half of the windows that are others nearby. A generator draws many tokens at
+            once, which do not quite agree; what they are decoded to shall not slide for it.
     """
 
     loop: LoopSettings
     frames: tuple[int, ...] = (64,)
     reconstruction: ReconstructionWeights = ReconstructionWeights()
+    misread: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
 def reconstruction_loss(
