@@ -91,6 +91,7 @@ class GoalSpec:
         tolerance: worst residual that still counts as met, where the term does not say.
         pulls: whether it draws joints to a place, or turns them, however far, so that one out of reach is an outlier.
         parameters: by name, in the order of the signature.
+        local: what it says of a frame depends on that frame and two to both sides alone.
         supports: of parameters, the joints whose part of the body then rests on something, which the verdict counts
             as support; None for none.
     """
@@ -107,6 +108,7 @@ class GoalSpec:
     tolerance: float
     pulls: bool
     parameters: Mapping[str, Parameter]
+    local: bool = False
     supports: Supports | None = None
 
     @property
@@ -149,6 +151,7 @@ def goal(
     dim: int = 1,
     tolerance: float = 0.0,
     pulls: bool = False,
+    local: bool = False,
     supports: Supports | None = None,
     name: str | None = None,
     replace: bool = False,
@@ -168,6 +171,8 @@ def goal(
         tolerance: worst residual that still counts as met, in `unit`.
         pulls: it draws joints to a place, or turns them, however far; refinement pulls no harder where that is out of
             reach.
+        local: what it says of a frame depends on that frame and two to both sides alone, so that a term with a window
+            need not show it the rest of a long motion.
         supports: of parameters, the joints whose part of the body rests on something where the goal is met.
         name: name in task files, by default the function's.
         replace: replace a goal of the same name; otherwise a second one is an error.
@@ -183,7 +188,7 @@ def goal(
         parameters = parameters_of(f"goal '{label}'", function, ("motion", "context"), _RESERVED)
         _GOALS[label] = GoalSpec(
             label, function, summary_of(function), unit, kernel, reduction, float(scale), float(delta), dim,
-            float(tolerance), pulls, parameters, supports,
+            float(tolerance), pulls, parameters, local, supports,
         )  # fmt: skip
         return function
 

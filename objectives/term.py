@@ -27,6 +27,11 @@ from scenes.motion.skeleton import Skeleton
 
 Number = int | float
 
+BESIDE = 2
+"""Frames to both sides of a moment that local goals look at: speeds need one, accelerations two."""
+WORTH = 0.75
+"""Share of a motion's frames from which on it is shown whole."""
+
 
 @dataclass(frozen=True)
 class Evaluated:
@@ -60,6 +65,25 @@ class Evaluated:
     marks: Callable[[], Sequence[Mark]] | None
     skeleton: Skeleton
     owners: tuple[str | None, ...] = ()
+
+    def spread(self, first: int, frames: int) -> Evaluated:
+        """The same of a motion of so many frames, of which it was evaluated from the `first` on; nothing elsewhere."""
+        after = frames - first - self.mask.shape[-2]
+        pad = torch.nn.functional.pad
+
+        def rows(values: Tensor) -> Tensor:
+            return pad(values, (0, 0, first, after))
+
+        def places(values: Tensor) -> Tensor:
+            return pad(values, (0, 0, 0, 0, first, after), value=math.nan)
+
+        return replace(
+            self, residual=rows(self.residual), square=rows(self.square), mask=rows(self.mask),
+            weights=rows(self.weights),
+            points=None if self.points is None else places(self.points),
+            targets=None if self.targets is None else places(self.targets),
+            aim=None if self.aim is None else replace(self.aim, values=places(self.aim.values)),
+        )  # fmt: skip
 
     @property
     def joints(self) -> tuple[str | None, ...]:
@@ -246,8 +270,31 @@ class Term:
         return f"goal '{self.name}'" if self.name == self.goal else f"goal '{self.name}' ({self.goal})"
 
     def evaluate(self, motion: Motion, context: Context) -> Evaluated:
-        """Residual, mask and weights; raises UserError naming the term when the goal cannot be evaluated."""
+        """Residual, mask and weights; raises UserError naming the term when the goal cannot be evaluated.
+
+        A goal that looks at single moments is shown those that it may apply at, and not all of a long motion.
+        """
         motion = self._readable(motion)
+        span = self._applies(motion)
+        if span is None:
+            return self._evaluated(motion, context)
+        part = slice(*span)
+        joints, valid = motion.joints[..., part, :, :], motion.valid[..., part]
+        shown = replace(motion, joints=joints, valid=valid, t0=motion.t0 + span[0] / motion.fps)
+        return self._evaluated(shown, context).spread(span[0], motion.frames)
+
+    def _applies(self, motion: Motion) -> tuple[int, int] | None:
+        """First and last frame (less 1) that a local goal may apply at, with those that it looks at beside them."""
+        stated = [*self.times, *(self.window or ()), *(self.sometime or ())]
+        if not self.spec.local or not stated:
+            return None
+        first = math.floor((min(stated) - motion.t0) * motion.fps) - BESIDE
+        last = math.ceil((max(stated) - motion.t0) * motion.fps) + BESIDE + 1
+        first, last = max(first, 0), min(last, motion.frames)
+        return (first, last) if first < last and last - first < WORTH * motion.frames else None
+
+    def _evaluated(self, motion: Motion, context: Context) -> Evaluated:
+        """The same of all that is shown."""
         try:
             raw = self.spec.function(motion, context, **self.parameters)
         except UserError as error:

@@ -33,8 +33,8 @@ _OVER = 0.2
 
 
 @goal(
-    unit="m", kernel="squared", reduction="mean", scale=200.0, tolerance=0.03, pulls=True,
-    supports=lambda parameters: OWNERS[parameters["part"]],
+    unit="m", kernel="squared", reduction="mean", scale=200.0, tolerance=0.03,
+    supports=lambda parameters: OWNERS[parameters["part"]], local=True,
 )  # fmt: skip
 def contact(
     motion: Motion,

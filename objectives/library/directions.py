@@ -45,7 +45,7 @@ _UNIT = 0.01
 
 
 # The scale is 1 / (2 s^2) as that of `joint_target`, with a standard deviation of 5 degrees: 5 cm at arm's length.
-@goal(unit="deg", kernel="squared", reduction="sum", scale=0.02, tolerance=2.0, pulls=True)
+@goal(unit="deg", kernel="squared", reduction="sum", scale=0.02, tolerance=2.0, pulls=True, local=True)
 def face(
     motion: Motion,
     context: Context,
@@ -99,7 +99,7 @@ def face(
     )  # fmt: skip
 
 
-@goal(unit="deg", kernel="squared", reduction="sum", scale=0.02, tolerance=2.0, pulls=True)
+@goal(unit="deg", kernel="squared", reduction="sum", scale=0.02, tolerance=2.0, pulls=True, local=True)
 def bone_direction(
     motion: Motion,
     context: Context,

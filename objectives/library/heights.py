@@ -77,7 +77,7 @@ def head_height(
     return Masked(residual, active, each, labels=[joint] * keys, points=points, targets=targets)
 
 
-@goal(unit="m", kernel="squared", reduction="mean", tolerance=0.02)
+@goal(unit="m", kernel="squared", reduction="mean", tolerance=0.02, local=True)
 def height_limit(
     motion: Motion,
     context: Context,

@@ -15,7 +15,7 @@ from objectives.registry import Masked, goal
 from scenes.motion.motion import Motion
 
 
-@goal(unit="m/s", kernel="squared", reduction="mean", tolerance=0.5, dim=2)
+@goal(unit="m/s", kernel="squared", reduction="mean", tolerance=0.5, dim=2, local=True)
 def foot_skating(
     motion: Motion,
     context: Context,
@@ -48,7 +48,7 @@ def foot_skating(
     return _by_step(speed.flatten(-2), motion, feet, points)
 
 
-@goal(unit="m", kernel="squared", reduction="mean", scale=1e4, tolerance=0.03)
+@goal(unit="m", kernel="squared", reduction="mean", scale=1e4, tolerance=0.03, local=True)
 def foot_clearance(
     motion: Motion,
     context: Context,
@@ -90,7 +90,7 @@ def _by_step(
     return Masked(pad(residual, (0, 0, 0, 1)), pad(active, (0, 1)), sizes=size, labels=names, points=points)
 
 
-@goal(unit="m/s", kernel="squared", reduction="sum", tolerance=0.1)
+@goal(unit="m/s", kernel="squared", reduction="sum", tolerance=0.1, local=True)
 def speed_limit(
     motion: Motion,
     context: Context,
@@ -113,7 +113,7 @@ def speed_limit(
     return _by_step(beyond(moved * motion.fps, limit).flatten(-2), motion, names, points, len(axes))
 
 
-@goal(unit="m/s^2", kernel="squared", reduction="mean", scale=1e-4, tolerance=60.0, dim=3)
+@goal(unit="m/s^2", kernel="squared", reduction="mean", scale=1e-4, tolerance=60.0, dim=3, local=True)
 def smoothness(
     motion: Motion,
     context: Context,
@@ -141,7 +141,7 @@ def smoothness(
     return Masked(excess.flatten(-2), active, labels=names, points=points)
 
 
-@goal(unit="rad", kernel="squared", reduction="mean", scale=10.0, tolerance=0.1)
+@goal(unit="rad", kernel="squared", reduction="mean", scale=10.0, tolerance=0.1, local=True)
 def joint_limits(
     motion: Motion,
     context: Context,

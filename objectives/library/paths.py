@@ -32,7 +32,7 @@ _BOB = 0.1
 _NEAR, _LATE = 0.1, 1.0
 
 
-@goal(unit="m", kernel="squared", reduction="mean", scale=100.0, tolerance=0.1, pulls=True)
+@goal(unit="m", kernel="squared", reduction="mean", scale=100.0, tolerance=0.1, pulls=True, local=True)
 def follow_path(
     motion: Motion,
     context: Context,

@@ -24,7 +24,7 @@ _UPWARD = math.cos(math.radians(25.0))
 """Share of that by which it is then further from ground: of slopes up to 20 degrees, and 5 for distances on a grid."""
 
 
-@goal(unit="m", kernel="linear", reduction="mean", tolerance=0.02)
+@goal(unit="m", kernel="linear", reduction="mean", tolerance=0.02, local=True)
 def sdf_penetration(
     motion: Motion,
     context: Context,
@@ -150,7 +150,7 @@ def _samples(motion: Motion, owners: list[str], joints: list[str] | None) -> Boo
     return torch.tensor(mine, device=motion.joints.device)
 
 
-@goal(unit="m", kernel="linear", reduction="mean", tolerance=0.05)
+@goal(unit="m", kernel="linear", reduction="mean", tolerance=0.05, local=True)
 def foot_contact(
     motion: Motion,
     context: Context,

@@ -22,7 +22,7 @@ Place = Point | FloorPoint
 
 # Eq. 13 divides by 2 sigma; log p = -r^2 / (2 s^2) with s = 0.05 m steers well in practice (0.1 m leaves decimetres,
 # 0.2 m barely steers), so the paper's sigma is s^2 = 0.0025 m^2 and the scale 1 / (2 * 0.0025 m^2) = 200 / m^2.
-@goal(unit="m", kernel="squared", reduction="sum", scale=200.0, dim=3, tolerance=0.05, pulls=True)
+@goal(unit="m", kernel="squared", reduction="sum", scale=200.0, dim=3, tolerance=0.05, pulls=True, local=True)
 def joint_target(
     motion: Motion,
     context: Context,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from objectives import Context, Objective, Term, WorldZ, forget, goal, goals
+from objectives import Context, Objective, Term, WorldZ, forget, get_goal, goal, goals
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
 from tests.objectives.cases import EXAMPLES, SATISFIED, context, standing, wandering
@@ -100,6 +100,23 @@ def test_time_shift(name: str, example: Any) -> None:
     torch.testing.assert_close(was.cost(here, context()), now.cost(there, context(epoch=2.5)))
     before, after = was.report(here, context())[0], now.report(there, context(epoch=2.5))[0]
     assert after.when == pytest.approx(before.when + 2.5)
+
+
+@pytest.mark.parametrize(("name", "example"), [case for case in CASES if get_goal(str(case.values[0])).local])
+def test_a_local_goal_says_the_same_of_a_part(name: str, example: Any) -> None:
+    """What a term with a window shows its goal is all that counts there: velocities at its edges, too."""
+    motion, world, given = wandering(2, frames=60), context(), example(0.0)
+    one = term(name, given) if {"at", "window"} & given.keys() else term(name, given, window=(0.35, 0.6))
+    part, whole = one.evaluate(motion, world), one._evaluated(motion, world)
+    assert one._applies(motion) is not None
+    assert torch.equal(part.mask, whole.mask)
+    for key in ("residual", "square"):
+        torch.testing.assert_close(getattr(part, key), getattr(whole, key), atol=1e-9, rtol=1e-7)
+    torch.testing.assert_close(one.cost(motion, world), one._cost(whole), atol=1e-9, rtol=1e-7)
+    now = part.mask.any(-1)
+    for a, b in ((part.points, whole.points), (part.targets, whole.targets)):
+        if a is not None and b is not None:
+            torch.testing.assert_close(a[now], b.expand(a.shape)[now], equal_nan=True)
 
 
 @pytest.mark.parametrize(("name", "example"), CASES)
