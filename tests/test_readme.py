@@ -75,7 +75,11 @@ def test_tables_are_tasks(index: int, folder: Path) -> None:
     text = fences("toml")[index]
     table = tomllib.loads(text)
     own_length = "walk" in table or isinstance(table.get("prompt"), list)
-    head = {"prompt": 'prompt = "x"\n', "seconds": "" if own_length else "seconds = 5.0\n"}
+    head = (
+        {"prompt": 'prompt = "x"\n', "seconds": "" if own_length else "seconds = 5.0\n"}
+        if "action" not in table
+        else {}
+    )
     (folder / "task.toml").write_text("".join(line for key, line in head.items() if key not in table) + text)
     setup = load_task(folder / "task.toml").build()
     assert setup.objective.terms or not setup.scene.meshes
