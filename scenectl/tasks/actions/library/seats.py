@@ -20,7 +20,7 @@ from scenes.world.seats import NARROW, Seat, find_seat
 DOWN, UP = 1.5, 2.0
 """Seconds that sitting down and standing up take: the pelvis is on its way for 0.8 and 0.7 s in the median of the
 pieces of recordings that show them, and people shift their weight before and settle after."""
-LEAVING = 0.4
+LEAVING = 0.2
 """Seconds for which one still stands, or sits, when one begins."""
 HIPS = 0.10
 """Metres from a seat to the joints of the hips (`scenectl.data.edits.seats`)."""
