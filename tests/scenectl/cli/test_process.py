@@ -68,9 +68,9 @@ def interrupted(after: float, *words: object) -> tuple[int, str]:
     """Exit status and complaint of a command that gets Ctrl-C so many seconds after its first line."""
     # As a terminal starts it: a shell that starts something behind its back lets it ignore interrupts.
     code = (
-        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "import os, signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from scenectl.cli import app; main = app.main; "
-        "app.main = lambda: (print('begun', file=sys.stderr, flush=True), main()); app.entry()"
+        "app.main = lambda: (os.write(2, b'begun\\n'), main()); app.entry()"  # a buffer could be written twice
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code, *map(str, words)], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
