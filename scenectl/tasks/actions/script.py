@@ -148,7 +148,7 @@ def scripted(entries: Sequence[Entry], world: World, state: State) -> Script:
     stretches, clock, frame = list[Stretch](), 0.0, 1 / world.spec.fps
     for entry in entries:
         act = entry.act(world, state)
-        end = round((clock + act.seconds) / frame) * frame  # acts begin and end at frames
+        end = round(round((clock + act.seconds) / frame) * frame, 6)  # acts begin and end at frames
         stretches.append(Stretch(entry, clock, end, act, state))
         clock, state = end, act.then
     script, longest = Script(tuple(stretches)), world.spec.longest

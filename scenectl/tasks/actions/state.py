@@ -101,7 +101,7 @@ class Act:
         """Its sentences on the clock of a script, in which it is from `begin` to `end` (s)."""
         if isinstance(self.sentence, str):
             return (Prompt(self.sentence, begin, end),)
-        begins = [*(min(begin + prompt.begin, end) for prompt in self.sentence), end]
+        begins = [begin, *(min(round(begin + prompt.begin, 3), end) for prompt in self.sentence[1:]), end]
         return tuple(Prompt(p.text, a, b) for p, a, b in zip(self.sentence, begins[:-1], begins[1:], strict=True))
 
 
