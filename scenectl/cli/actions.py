@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import out, table, titled
+from scenectl.console.console import listed, out, table, titled
 from scenectl.console.options import AllowCode, allow
 
 
@@ -29,10 +29,6 @@ def actions(
         return
     spec = get_action(name)
     out.print(titled(spec.name, f": {spec.summary}"))
-    lines = table("parameter", "type", "default", "meaning")
-    for parameter in spec.parameters.values():
-        default = "" if parameter.required else repr(parameter.default)
-        lines.add_row(parameter.name, parameter.type, default, parameter.doc)
-    out.print(lines)
+    out.print(listed(spec.parameters))
     finds = "in any posture" if spec.posture is None else spec.posture
     out.print(f"it finds the body {finds}; every action also takes name and [[action.goal]] tables")

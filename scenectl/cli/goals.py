@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from scenectl.cli.clock import importing
-from scenectl.console.console import out, table, titled
+from scenectl.console.console import listed, out, table, titled
 from scenectl.console.options import AllowCode, allow
 
 
@@ -29,11 +29,7 @@ def goals(
         return
     spec = get_goal(name)
     out.print(titled(spec.name, f" ({spec.unit}): {spec.summary}"))
-    lines = table("parameter", "type", "default", "meaning")
-    for parameter in spec.parameters.values():
-        default = "" if parameter.required else repr(parameter.default)
-        lines.add_row(parameter.name, parameter.type, default, parameter.doc)
-    out.print(lines)
+    out.print(listed(spec.parameters))
     out.print(
         f"kernel {spec.kernel}, reduction {spec.reduction}, scale {spec.scale:g}, tolerance {spec.tolerance:g} "
         f"{spec.unit}; every goal also takes name, weight, tolerance, at, window, sometime, kernel and reduction"

@@ -14,6 +14,7 @@ from rich.text import Text
 from scenes.errors import visible
 
 if TYPE_CHECKING:
+    from objectives.signatures import Parameter
     from scenectl.generators.base import Progress as Tell
 
 
@@ -82,6 +83,15 @@ def note(sentences: Iterable[str]) -> None:
 def table(*headings: str) -> Table:
     """A table without lines."""
     return Table(*headings, box=None, pad_edge=False)
+
+
+def listed(parameters: Mapping[str, Parameter]) -> Table:
+    """What a registered function can be told: a line for each parameter."""
+    lines = table("parameter", "type", "default", "meaning")
+    for parameter in parameters.values():
+        default = "" if parameter.required else repr(parameter.default)
+        lines.add_row(parameter.name, parameter.type, default, parameter.doc)
+    return lines
 
 
 def show(result: Mapping[str, Any], columns: Sequence[str] = ()) -> None:

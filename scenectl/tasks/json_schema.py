@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from objectives.tables import goal_tables
+from objectives.tables import fields_of, goal_tables
 from scenectl.generators import registry
 from scenectl.tasks.actions import ActionSpec, actions
 from scenectl.tasks.schema import GeneratorSpec, ObjectSpec, SceneSpec, Start, TaskTable
@@ -38,14 +38,16 @@ def task_schema() -> dict[str, Any]:
     shape = _any(map(_shape, PRIMITIVES), key="shape")
     thing = _like(ObjectSpec, primitive=(_any((shape, None)), None))
     scene = _like(SceneSpec, primitives=(tuple[shape, ...], ()), objects=(tuple[thing, ...], ()))  # type: ignore[valid-type]
+    goal = _any(goal_tables(), key="use")
+    action = _any((_action(spec, goal) for spec in actions()), key="do")
     task = _like(
         TaskTable,
         avoid=(_any((bool, _avoided())), True),
         scene=(_any((str, scene)), SceneSpec()),
         start=(_any((Literal["sample"], Start, Spot, None)), None),
         generator=(_any(map(_generator, dict.fromkeys(registry.names()))), GeneratorSpec()),
-        goals=(tuple[_any(goal_tables(), key="use"), ...], Field((), alias="goal")),  # type: ignore[misc]
-        actions=(tuple[_any(map(_action, actions()), key="do"), ...], Field((), alias="action")),  # type: ignore[misc]
+        goals=(tuple[goal, ...], Field((), alias="goal")),  # type: ignore[valid-type]
+        actions=(tuple[action, ...], Field((), alias="action")),  # type: ignore[valid-type]
     )
     schema = task.model_json_schema()
     del schema["properties"]["folder"]  # a name for Python; in a file it is implied
@@ -55,14 +57,10 @@ def task_schema() -> dict[str, Any]:
     return {**schema, "oneOf": [told, script]}
 
 
-def _action(spec: ActionSpec) -> type[BaseModel]:
-    """The [[action]] table of an action."""
-    stated: dict[str, Any] = {
-        parameter.name: (parameter.hint, Field(parameter.default, description=parameter.doc or None))
-        for parameter in spec.parameters.values()
-    }
-    stated |= {"do": (Literal[spec.name], ...), "name": (str, spec.name)}
-    stated["goal"] = (tuple[_any(goal_tables(), key="use"), ...], ())  # type: ignore[misc]
+def _action(spec: ActionSpec, goal: Any) -> type[BaseModel]:
+    """The [[action]] table of an action, whose goals are of that type."""
+    stated = fields_of(spec.parameters) | {"do": (Literal[spec.name], ...), "name": (str, spec.name)}
+    stated["goal"] = (tuple[goal, ...], ())
     return create_model(f"action {spec.name}", __config__=ConfigDict(extra="forbid"), __doc__=spec.summary, **stated)
 
 

@@ -160,10 +160,9 @@ def _script(task: TaskTable, world: World, place: Place, start: Pose2D | None) -
     if isinstance(task.start, Start):
         place = _stated(world.scene, task.start)
     heading = stated if stated is not None else 0.0 if start is None else start.heading
-    first = scripted(task.script, world, State(place, heading))
-    if stated is not None or (way := first.stretches[0].act.path) is None:
-        return first
-    return scripted(task.script, world, State(place, heading_along(way)))
+    if stated is None and (way := task.script[0].act(world, State(place, heading)).path) is not None:
+        heading = heading_along(way)
+    return scripted(task.script, world, State(place, heading))
 
 
 def _unreached(scene: Scene, targets: Iterable[Target], ground: float) -> tuple[str, ...]:

@@ -21,8 +21,8 @@ Speed = Annotated[float, Field(gt=0.1, le=4.0)]
 FULL, ABOUT = math.radians(120), math.radians(35)
 """Turns from which on a sentence says "turns around", and from which on it says that somebody turns (rad)."""
 TURNING, SETTLING = math.radians(105), 0.6
-"""Turns in place take the time for this rate (rad/s) and so much longer (s): those that are found in recordings turn
-half round in 2.3 s in the median."""
+"""Turns in place take the time for this rate (rad/s) and so much longer (s), about as long as those found in
+recordings (`scenectl bench data` draws them); ours."""
 UPRIGHT = 0.85
 """Metres over the ground of an adult's pelvis that stands or bends the knees a little; with straight legs it is at
 0.93."""

@@ -79,7 +79,7 @@ def walk(
     if how != "forwards":
         terms += _turned(path, offset, (begin, lasts))
     then = state.at(path[-1], last + offset)
-    return Act(_told(how, first, offset, way, begin, path), lasts, then, tuple(terms), path)
+    return Act(_told(how, offset, way, begin, path), lasts, then, tuple(terms), path)
 
 
 def _way(table: Walk, area: FreeArea, state: State) -> np.ndarray:
@@ -119,7 +119,7 @@ def _turned(path: np.ndarray, offset: float, window: tuple[float, float]) -> lis
     return [facing(straight + offset, window, within=30.0, weight=0.3)]
 
 
-def _told(how: Way, first: float, offset: float, way: float, begin: float, path: np.ndarray) -> tuple[Prompt, ...]:
+def _told(how: Way, offset: float, way: float, begin: float, path: np.ndarray) -> tuple[Prompt, ...]:
     """Turning, where the way begins in another direction, and going."""
     if how == "backwards":
         goes = "walks backwards"
