@@ -147,6 +147,11 @@ def scripted(entries: Sequence[Entry], world: World, state: State) -> Script:
     """
     stretches, clock, frame = list[Stretch](), 0.0, 1 / world.spec.fps
     for entry in entries:
+        if stretches and stretches[-1].act.last:
+            raise UserError(
+                f"{entry.label}: nobody knows where {stretches[-1].entry.label} leaves the body, as it does not stay; "
+                "let it stay, or end the script with it"
+            )
         act = entry.act(world, state)
         end = round(round((clock + act.seconds) / frame) * frame, 6)  # acts begin and end at frames
         stretches.append(Stretch(entry, clock, end, act, state))

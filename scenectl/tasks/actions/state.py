@@ -88,6 +88,7 @@ class Act:
         terms: its goals; their times are seconds of the act.
         path: the way that it plans, ``[P, 3]`` m on the ground, where it walks.
         touches: joints whose part of the body may touch the scene, and from when to when (s).
+        last: nobody knows where it leaves the body, so that nothing can follow.
     """
 
     sentence: str | tuple[Prompt, ...]
@@ -96,6 +97,7 @@ class Act:
     terms: tuple[Term, ...] = ()
     path: np.ndarray | None = None
     touches: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    last: bool = False
 
     def prompts(self, begin: float, end: float) -> tuple[Prompt, ...]:
         """Its sentences on the clock of a script, in which it is from `begin` to `end` (s)."""

@@ -105,4 +105,4 @@ def act(world: World, state: State, *, prompt: str, seconds: Seconds, stay: bool
     """
     if not prompt.strip():
         raise UserError("'prompt' is empty; say what the person does")
-    return Act(prompt, seconds, state, kept(state, seconds) if stay else ())
+    return Act(prompt, seconds, state, kept(state, seconds) if stay else (), last=not stay)

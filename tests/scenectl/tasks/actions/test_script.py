@@ -163,6 +163,10 @@ def test_an_action_of_ones_own() -> None:
         ([{"do": "stand", "goal": "x"}], "'goal' must be [[action.goal]] tables"),
         ([{"do": "walk", "to": [0, 5], "seconds": 1.0}], "too far to walk"),
         ([{"do": "act", "prompt": " ", "seconds": 2}], "'prompt' is empty"),
+        (
+            [{"do": "act", "prompt": "x", "seconds": 2, "stay": False}, {"do": "stand"}],
+            "action 2 ('stand'): nobody knows where action 1 ('act') leaves the body",
+        ),
         ([{"do": "duck", "below": 0.2}], "'below' is 0.2 m"),
     ],
 )
