@@ -60,8 +60,8 @@ class ReconstructionTraining(Table):
         loop: length and speed.
         frames: window lengths, one drawn for each batch.
         reconstruction: weights of the reconstruction terms.
-        misread: share of the tokens of half of the windows that are others nearby. A generator draws many tokens at
-            once, which do not quite agree; what they are decoded to shall not slide for it.
+        misread: largest share of a window's tokens that are others nearby. A generator draws many tokens at once, which
+            do not quite agree; what they are decoded to shall not slide for it.
     """
 
     loop: LoopSettings

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from scenectl.generators.mscot.config import RefinerConfig
 from scenectl.generators.mscot.networks.refiner import Refiner
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
+from scenectl.generators.mscot.training.mistakes import Reader
 from scenectl.training.loop import FRAMES, Figures, Loop
 from scenectl.training.losses import ReconstructionTraining, reconstruction_loss
 from scenectl.training.stages import Job
-
-NEAREST = 4
-"""Codes that count as near another."""
 
 _Decoded = Callable[[list[Float[Tensor, "B _L d"]], int], Float[Tensor, "B T 263"]]
 """Raw features of the codes of all scales and the length of the finest."""
@@ -55,13 +53,11 @@ def _train(
     """Train a module, which may be the tokenizer's own decoder, while all else of the tokenizer stands still."""
     tokenizer.to(job.place.device).eval().requires_grad_(False)
     loop = job.loop(model.requires_grad_(True), settings.loop)
-    neighbours = [_neighbours(tokenizer.quantiser.codes(k)) for k in range(tokenizer.quantiser.scales)]
+    reader = Reader(tokenizer.quantiser, settings.misread)
 
     def step(_: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         features = job.data.draw_any(settings.frames, settings.loop.batch, generator)
-        tokens = tokenizer.encode(features)
-        if settings.misread:
-            tokens = [_misread(t, neighbours[k], settings.misread, generator) for k, t in enumerate(tokens)]
+        tokens = reader(tokenizer.latent(features), generator).seen
         codes = [tokenizer.quantiser.lookup(k, t) for k, t in enumerate(tokens)]
         got = decoded(codes, tokens[-1].shape[-1]).float()
         loss, error = reconstruction_loss(got, features, tokenizer.std, settings.reconstruction)
@@ -69,23 +65,3 @@ def _train(
 
     loop.run(step)
     return loop
-
-
-def _neighbours(codes: Float[Tensor, "V d"]) -> Int[Tensor, "V n"]:
-    """The codes nearest to each, without itself."""
-    found: Tensor = torch.cdist(codes, codes).topk(min(NEAREST, len(codes) - 1) + 1, largest=False).indices
-    return found[:, 1:]
-
-
-def _misread(
-    tokens: Int[Tensor, "B L"], neighbours: Int[Tensor, "V n"], share: float, generator: torch.Generator
-) -> Int[Tensor, "B L"]:
-    """Tokens of which a share is replaced by one of its code's neighbours in every other window, at random.
-
-    Drawn on the CPU, so that a run sees the same numbers on every device.
-    """
-    pick = torch.randint(neighbours.shape[1], tokens.shape, generator=generator).to(tokens.device)
-    other = neighbours[tokens].gather(-1, pick[..., None]).squeeze(-1)
-    wrong = torch.rand(tokens.shape, generator=generator) < share
-    wrong[::2] = False
-    return torch.where(wrong.to(tokens.device), other, tokens)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import torch
 import torch.nn.functional as F
-from jaxtyping import Int
+from pydantic import Field
 from torch import Tensor
 
 from scenectl.data.clips import ClipSet, Drawn
@@ -12,6 +14,7 @@ from scenectl.generators.mscot.config import TransformerConfig
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.networks.transformer import ScaleTransformer
 from scenectl.generators.mscot.schedule import DOWNSAMPLING
+from scenectl.generators.mscot.training.mistakes import Reader
 from scenectl.networks.text import TextEncoder
 from scenectl.training.captions import Captions
 from scenectl.training.loop import FRAMES, Figures, Loop, LoopSettings
@@ -27,7 +30,7 @@ class TransformerTraining(Table):
         loop: length and speed; `batch` is for windows of 64 frames, and shrinks with longer ones.
         min_frames, max_frames: window lengths, drawn for each batch as clips are long, in steps of four frames.
         drop_text: probability of training a sample without text (classifier-free guidance).
-        corrupt: share of prefix tokens replaced by random ones, as its own mistakes will be when it generates.
+        misread: largest share of a window's tokens that are read wrong (`Reader`), as its own will be when it generates.
         smoothing: label smoothing.
     """
 
@@ -35,7 +38,7 @@ class TransformerTraining(Table):
     min_frames: int = 36
     max_frames: int = 196
     drop_text: float = 0.1
-    corrupt: float = 0.05
+    misread: Annotated[float, Field(ge=0, le=1)] = 0.3
     smoothing: float = 0.05
 
 
@@ -54,19 +57,19 @@ def train_transformer(
     torch.manual_seed(job.seed)  # initial weights belong to the run's seed
     model = ScaleTransformer(config, tokenizer.config.codes, tokenizer.config.code_dim, quantiser.scales)
     loop = job.loop(model, settings.loop)
+    reader = Reader(quantiser, settings.misread)
 
     def step(iteration: int, generator: torch.Generator) -> tuple[Tensor, Figures]:
         frames = data.draw_length(settings.min_frames, settings.max_frames, DOWNSAMPLING, generator)
         finest = frames // DOWNSAMPLING
         batch = max(4, settings.loop.batch * 16 // finest)
         windows = data.draw(frames, batch, generator)
-        tokens = tokenizer.encode(windows.features)
+        reading = reader(tokenizer.latent(windows.features), generator)
         drop = torch.rand(batch, generator=generator) < settings.drop_text
         prompt = place.text(captions.of_windows(windows, DOWNSAMPLING, generator))
-        seen = [_corrupted(t, settings.corrupt, tokenizer.config.codes, generator) for t in tokens]
         with place.autocast():
-            logits = model(quantiser, model.without_text(prompt, drop.to(place.device)), seen, finest)
-        logits, target = logits.float().flatten(0, 1), torch.cat(tokens, dim=1).flatten()
+            logits = model(quantiser, model.without_text(prompt, drop.to(place.device)), reading.seen, finest)
+        logits, target = logits.float().flatten(0, 1), torch.cat(reading.right, dim=1).flatten()
         loss = F.cross_entropy(logits, target, label_smoothing=settings.smoothing)
         figures: Figures = {
             "cross_entropy": F.cross_entropy(logits.detach(), target),
@@ -76,12 +79,6 @@ def train_transformer(
 
     loop.run(step)
     return loop
-
-
-def _corrupted(tokens: Int[Tensor, "B L"], share: float, codes: int, generator: torch.Generator) -> Int[Tensor, "B L"]:
-    # Drawn on the CPU, so that a run sees the same numbers on every device.
-    random = torch.randint(codes, tokens.shape, generator=generator).to(tokens.device)
-    return torch.where((torch.rand(tokens.shape, generator=generator) < share).to(tokens.device), random, tokens)
 
 
 @torch.no_grad()
