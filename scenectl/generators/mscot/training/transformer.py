@@ -30,7 +30,7 @@ class TransformerTraining(Table):
         loop: length and speed; `batch` is for windows of 64 frames, and shrinks with longer ones.
         min_frames, max_frames: window lengths, drawn for each batch as clips are long, in steps of four frames.
         drop_text: probability of training a sample without text (classifier-free guidance).
-        misread: largest share of a window's tokens that are read wrong (`Reader`), as its own will be when it generates.
+        misread: largest share of a window's tokens that are read wrong (`Reader`), as its own will be later.
         smoothing: label smoothing.
     """
 

@@ -15,7 +15,6 @@ from scenectl.generators.mscot.bundle import build, load_bundle
 from scenectl.generators.mscot.networks.tokenizer import Tokenizer
 from scenectl.generators.mscot.training.stages import TRAINING, MSCoTRecipe
 from scenectl.generators.mscot.training.tokenizer import _kept_scales
-from scenectl.generators.mscot.training.transformer import _corrupted
 from scenectl.generators.weights import BUNDLED, bundled_weights, described
 from scenectl.tasks.task import Task
 from scenectl.training import command
@@ -340,13 +339,6 @@ def test_dropout_keeps_at_least_one_scale_and_mostly_all() -> None:
     assert set(kept.tolist()) == {1, 2, 3, 4}
     assert float((kept == 4).float().mean()) == pytest.approx(0.8, abs=0.02)
     assert (_kept_scales(model, 50, 0.0, torch.Generator()) == 4).all()
-
-
-def test_corruption_replaces_about_the_share_it_is_told() -> None:
-    tokens = torch.full((100, 100), 3)
-    changed = (_corrupted(tokens, 0.3, 16, torch.Generator().manual_seed(0)) != 3).float().mean()
-    assert float(changed) == pytest.approx(0.3 * 15 / 16, abs=0.02)
-    assert torch.equal(_corrupted(tokens, 0.0, 16, torch.Generator()), tokens)
 
 
 def test_the_permissive_recipe_is_compact_on_free_data() -> None:
