@@ -183,7 +183,7 @@ class Editor(Protocol):
         seed: int = 0,
         progress: Progress | None = None,
     ) -> Draft:
-        """Motions in the frame of the one given, ``[samples, T, J, 3]``, made anew where `regenerate` says.
+        """Motions in the frame and on the clock of the one given, ``[samples, T, J, 3]``, made anew where asked.
 
         What `motion` holds there is of no account. Raises UserError for a motion it cannot edit.
         """

@@ -161,10 +161,15 @@ class Scorer:
     """Penetration of bodies into one scene, exactly. Make one per scene: it prepares the triangles once.
 
     Capsules are sampled every quarter of their radius, which misses less than 1 % of it (0.2 % on flat surfaces).
+
+    Attributes:
+        scene, body: which ones.
+        baked: signs and depths are those of what was baked, for those who look at many motions.
     """
 
     scene: Scene
     body: ProxyBody = DEFAULT_BODY
+    baked: bool = False
 
     def depths(self, motion: Motion) -> Depths:
         """Depth of the body in obstacles and in the floor for every frame of one motion, ``[T, J, 3]``.
@@ -179,7 +184,7 @@ class Scorer:
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         times = np.repeat(motion.times.cpu().double().numpy(), count)
         radii = np.tile(self._radii, frames)
-        everything = self.scene.distance_exact(flat, times) - radii
+        everything = self._distance(flat, times) - radii
         obstacles = self._obstacle_distance(flat, times, everything + radii) - radii
         reach = self.scene.reached_from(_stand(motion)).reach
         beyond = np.zeros(len(flat)) if reach is None else reach.depth(flat)
@@ -212,7 +217,7 @@ class Scorer:
     def room(self, points: np.ndarray, times: np.ndarray, samples: np.ndarray) -> np.ndarray:
         """Distance (m) from the surface of samples of those numbers, at points and times (s), to any obstacle."""
         points = np.ascontiguousarray(points)
-        return self._obstacle_distance(points, times, self.scene.distance_exact(points, times)) - self._radii[samples]
+        return self._obstacle_distance(points, times, self._distance(points, times)) - self._radii[samples]
 
     def ground(self, motion: Motion) -> Float[Tensor, "*b T 2"]:
         """Height (m) of the ground under each foot in each frame: of the floor, a step or the storey that one is on."""
@@ -231,6 +236,14 @@ class Scorer:
     def parts(self) -> list[str]:
         """What every sample belongs to: a joint, a bone such as "left_hip-left_knee", or "left_palm"."""
         return list(self._parts)
+
+    def _distance(self, points: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Signed distance (m) to everything, the floor included."""
+        if not self.baked:
+            return self.scene.distance_exact(points, times)
+        with torch.no_grad():
+            found: np.ndarray = self.scene.distance(torch.from_numpy(points), torch.from_numpy(times)).numpy()
+        return found
 
     def _obstacle_distance(self, points: np.ndarray, times: np.ndarray, signed: np.ndarray) -> np.ndarray:
         """Signed distance (m) to obstacles; `signed` is that to everything, the floor included."""

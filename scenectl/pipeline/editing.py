@@ -28,6 +28,7 @@ from scenectl.generators.spec import Spec
 from scenectl.pipeline.parts import PartGuide, Window, windows_over
 from scenectl.pipeline.results import Result
 from scenectl.pipeline.run import score
+from scenectl.pipeline.seams import BESIDE, settled
 from scenectl.tasks.schema import BodySpec, SceneSpec
 from scenectl.tasks.setup import start_of
 from scenectl.tasks.task import Task
@@ -40,14 +41,10 @@ from scenes.motion.motion import Motion
 from scenes.motion.rigid import rigid
 from scenes.motion.skeleton import FEET
 
-BESIDE = 12
-"""Kept frames beside each seam that refinement fits: those further off are put back as they were anyway."""
 SIGMA = 0.03
 """Distance (m) from the original, root mean square of the joints, that counts half a nat a frame."""
 NEAR = 0.3
 """Distance (m) from the place that a window of a longer gap shall end at that counts half a nat: half a step."""
-SETTLE = 20
-"""Frames made anew over which a seam's remaining jump dies away, where there are as many."""
 
 
 def edit(
@@ -282,43 +279,3 @@ def near(mask: Bool[Tensor, " T"], frames: int) -> Bool[Tensor, " T"]:
     """Where the mask is true at most so many frames away."""
     wide: Tensor = torch.nn.functional.max_pool1d(mask.float()[None], 2 * frames + 1, stride=1, padding=frames)[0]
     return wide > 0
-
-
-def settled(original: Motion, made: Motion, regenerate: Bool[Tensor, " T"]) -> Motion:
-    """The original where it is kept, and what was made elsewhere, without a jump of position or velocity between.
-
-    At each seam, the difference of position and velocity on the kept side decays along a cubic over the frames made
-    anew, to nothing before the next seam (inertialisation, as in games).
-
-    Args:
-        original: ``[T, J, 3]``.
-        made: ``[S, T, J, 3]``.
-        regenerate: which frames of `made` count.
-    """
-    offset = original.joints - made.joints
-    total = torch.where(regenerate[:, None, None], 0.0, offset)
-    for seam, toward, room in _seams(regenerate):
-        length = min(SETTLE, room)
-        past = seam - toward  # the kept frame before last, where there is one
-        inside = 0 <= past < len(regenerate) and not regenerate[past]
-        jump = offset[:, seam]
-        speed = jump - offset[:, past] if inside else torch.zeros_like(jump)
-        for i in range(1, length + 1):
-            u = i / (length + 1)
-            value = 2 * u**3 - 3 * u**2 + 1
-            slope = (u**3 - 2 * u**2 + u) * (length + 1)
-            total[:, seam + toward * i] += value * jump + slope * speed
-    return replace(made, joints=made.joints + total)
-
-
-def _seams(regenerate: Bool[Tensor, " T"]) -> list[tuple[int, int, int]]:
-    """Of every seam: its last kept frame, the direction of the frames made anew (1 or -1), and how many they are."""
-    mask, out = regenerate.tolist(), []
-    for t in range(len(mask) - 1):
-        if mask[t] != mask[t + 1]:
-            toward = 1 if mask[t + 1] else -1
-            seam, room = (t if toward == 1 else t + 1), 0
-            while 0 <= seam + toward * (room + 1) < len(mask) and mask[seam + toward * (room + 1)]:
-                room += 1
-            out.append((seam, toward, room))
-    return out

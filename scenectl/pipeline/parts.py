@@ -18,7 +18,7 @@ CONTEXT = 40
 neighbouring windows of a long motion share (`scenectl.generators.mscot.keeping.OVERLAP`)."""
 MARGIN = 20
 """Frames at the open end of a window that the next one makes again, for they were made without knowing how it goes on:
-as many as a seam's jump dies away over (`scenectl.pipeline.editing.SETTLE`)."""
+as many as a seam's jump dies away over (`scenectl.pipeline.seams.SETTLE`)."""
 
 
 @dataclass(frozen=True)

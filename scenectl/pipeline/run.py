@@ -11,12 +11,13 @@ from typing import Any
 
 from scenectl.control.solvers.problem import Solution
 from scenectl.generators import load_generator
-from scenectl.generators.base import Generator, Progress, silent
+from scenectl.generators.base import Editor, Generator, Progress, silent
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.generation import Made, make
 from scenectl.pipeline.rank import ranked
 from scenectl.pipeline.report import report_of
 from scenectl.pipeline.results import Drawer, Result, plain_json
+from scenectl.pipeline.search import Search
 from scenectl.tasks.schema import Start
 from scenectl.tasks.setup import Setup, start_of
 from scenectl.tasks.task import Task
@@ -84,6 +85,8 @@ def run(
 
 def _generated(task: Task, setup: Setup, generator: Generator, samples: int, seed: int, tell: Progress) -> Made:
     free = isinstance(task.start, Start) and task.start.free
+    if setup.script is not None and isinstance(generator, Editor):
+        return Search(generator, setup, task.solver, task.guidance, free, samples, seed, tell).run()
     settings: dict[str, Any] = {"solver": task.solver, "guidance": task.guidance, "free_start": free}
     place = setup.seconds, setup.start, setup.objective, setup.context
     return make(generator, setup.prompts, *place, **settings, samples=samples, seed=seed, progress=tell)

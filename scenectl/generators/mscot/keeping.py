@@ -66,6 +66,7 @@ class Kept:
         anchor: a kept frame, at which what is decoded is laid onto the original.
         pose: the original's joints there, world, ``[22, 3]``.
         floor: height (m) of the original's lowest joint.
+        t0: time (s) of the original's first frame.
     """
 
     latent: Float[Tensor, "1 d N"]
@@ -73,6 +74,7 @@ class Kept:
     anchor: int
     pose: Float[Tensor, "22 3"]
     floor: float
+    t0: float = 0.0
 
     @classmethod
     @torch.no_grad()
@@ -88,7 +90,7 @@ class Kept:
         edges = torch.nonzero(kept[:-1] != kept[1:]).flatten()
         first = int(edges[0])
         anchor = first if kept[first] else first + 1
-        return cls(latent, share, anchor, motion.joints[anchor], float(filled[..., 1].min()))
+        return cls(latent, share, anchor, motion.joints[anchor], float(filled[..., 1].min()), motion.t0)
 
     def closeness(
         self, quantiser: Quantiser, coarser: list[Float[Tensor, "S _L_j d"]], samples: int
@@ -106,7 +108,7 @@ class Kept:
         return torch.where(share_at(quantiser, k, self.share) > WHOLE, close.argmax(-1), tokens)
 
     def placed(self, motion: Motion) -> Motion:
-        """Canonical motions ``[S, T, 22, 3]`` moved over the floor and turned so that they fit at the anchor frame."""
+        """Canonical motions ``[S, T, 22, 3]`` moved and turned to fit at the anchor frame, on its clock."""
         here, there = motion.joints[:, self.anchor], self.pose.to(motion.joints)
         foot, goal = here[:, :1] * here.new_tensor([1.0, 0.0, 1.0]), there[:1] * there.new_tensor([1.0, 0.0, 1.0])
         a, b = here - foot, there - goal
@@ -114,7 +116,7 @@ class Kept:
         dot = (b[..., 0] * a[..., 0] + b[..., 2] * a[..., 2]).sum(-1)
         turn = rotation_about_y(torch.atan2(cross, dot))[:, None, None]
         moved = (turn * (motion.joints - foot[:, None])[..., None, :]).sum(-1)
-        return replace(motion, joints=moved + goal + goal.new_tensor([0.0, self.floor, 0.0]))
+        return replace(motion, joints=moved + goal + goal.new_tensor([0.0, self.floor, 0.0]), t0=self.t0)
 
 
 def bridged(joints: Float[Tensor, "T J 3"], gone: Bool[Tensor, " T"]) -> Float[Tensor, "T J 3"]:
