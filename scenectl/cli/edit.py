@@ -110,7 +110,7 @@ def _moved(most: float) -> tuple[str, ...]:
 def _original(motion: Motion, sample: int, path: Path, fps: float) -> Motion:
     """The motion to edit, on the generator's clock; says so where it had another."""
     from scenectl.data.formats.motions import one_of
-    from scenectl.pipeline.editing import on_clock
+    from scenectl.pipeline.going_on import on_clock
     from scenes.motion.rates import told
 
     one = one_of(motion, sample, path)

@@ -17,6 +17,7 @@ from scenectl.console.results import drawn, leave, show_exported, show_samples
 if TYPE_CHECKING:
     from scenectl.export.export import Exported
     from scenectl.pipeline.results import Result
+    from scenes.motion.motion import Motion
 
 LAPS = {"plan_s": "planning", "load_s": "loading", "generate_s": "generating", "measure_s": "measuring"}
 """What the laps of a report's `timing` are called."""
@@ -32,6 +33,9 @@ def run(
     preview: Annotated[bool, typer.Option(help="Draw preview.png.")] = True,
     export: Annotated[
         str | None, typer.Option(metavar="ENDINGS", help="Files for other tools, too, such as glb,bvh: motion.glb …")
+    ] = None,
+    after: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Go on from where the first motion of these results ends.")
     ] = None,
     allow_code: AllowCode = None,
     allow_unmet: AllowUnmet = False,
@@ -53,10 +57,11 @@ def run(
     if weights is not None and weights not in ("default", *bundled_weights()) and Path(weights).is_dir():
         weights = str(Path(weights).resolve())
     loaded = loaded.with_generator(generator, weights)
+    before = None if after is None else _before(after)
     endings = () if export is None else _endings(export)
     writable_folder(output)
     with bars() as progress:
-        result = make(loaded, samples, seed, progress=progress)
+        result = make(loaded, samples, seed, progress=progress, after=before)
         laps |= {LAPS.get(name, name): seconds for name, seconds in result.report["timing"].items()}
         progress("writing", 0.0)
         begin = time.perf_counter()
@@ -74,6 +79,14 @@ def run(
         show_exported(done)
     out.print(told(laps, since_start()))
     leave(result, allow_unmet)
+
+
+def _before(folder: Path) -> Motion:
+    """The first motion of a folder's results."""
+    from scenectl.pipeline.results import load_result
+
+    motion, _ = load_result(folder)
+    return motion[0] if motion.joints.ndim == 4 else motion
 
 
 def _endings(text: str) -> Sequence[str]:

@@ -188,3 +188,8 @@ class Editor(Protocol):
         What `motion` holds there is of no account. Raises UserError for a motion it cannot edit.
         """
         ...
+
+
+@runtime_checkable
+class EditingGenerator(Generator, Editor, Protocol):
+    """A generator that is an editor, too."""

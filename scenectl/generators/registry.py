@@ -15,7 +15,7 @@ from scenectl.generators.spec import Spec
 from scenes.errors import UserError, clipped, did_you_mean
 
 if TYPE_CHECKING:
-    from scenectl.generators.base import Generator
+    from scenectl.generators.base import EditingGenerator, Generator
 
 MODULES = {"mscot": "scenectl.generators.mscot"}
 """Module of each family, which holds its `FAMILY`."""
@@ -86,3 +86,13 @@ def find(name: str) -> Family:
             raise UserError(f"generator '{name}': {point.value} is no scenectl.generators.registry.Family")
         return found
     raise UserError(f"unknown generator '{clipped(name)}'{did_you_mean(name, names())}")
+
+
+def editing(generator: Generator) -> EditingGenerator:
+    """A generator that can make parts of a motion anew; raises UserError naming those that can for any other."""
+    from scenectl.generators.base import EditingGenerator
+
+    if isinstance(generator, EditingGenerator):
+        return generator
+    able = [name for name in names() if "edit" in find(name).spec.abilities]
+    raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")

@@ -22,7 +22,7 @@ from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
 from scenectl.control.solvers.problem import Problem
 from scenectl.generators import registry
-from scenectl.generators.base import Draft, Editor, Generator, Guide, Progress, Step
+from scenectl.generators.base import Draft, Generator, Guide, Progress, Step
 from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import Spec
 from scenectl.pipeline.parts import PartGuide, Window, windows_over
@@ -79,9 +79,7 @@ def edit(
     Raises:
         UserError: a generator that cannot edit, or a motion or mask that is not as described.
     """
-    if not isinstance(generator, Editor):
-        able = [name for name in registry.names() if "edit" in registry.find(name).spec.abilities]
-        raise UserError(f"generator '{generator.name}' cannot edit motions; {' and '.join(able)} can")
+    editor = registry.editing(generator)
     check(motion, regenerate, generator.spec)
     prompts = Prompts.of(prompt)
     prompts.check(motion.frames / motion.fps)
@@ -99,7 +97,7 @@ def edit(
         told = keeping if back is None else FigureGuide(keeping, back)
         given = part if there is None else there.of(part)
         said = prompts.within(window.start / motion.fps, window.end / motion.fps)
-        draft = generator.edit(given, inside, said, guide=told, samples=count, seed=seed, progress=progress)
+        draft = editor.edit(given, inside, said, guide=told, samples=count, seed=seed, progress=progress)
         trace.update(draft.trace)
         fitted = draft.motion if draft.step is None else refined(draft.step, told, solver)
         fitted = fitted if back is None else back.of(fitted)
@@ -131,12 +129,6 @@ def _ground(motion: Motion, kept: Bool[Tensor, " T"]) -> tuple[float, float, flo
 def _seed(seed: int, window: int, sample: int) -> int:
     """The seed itself in the first window, and others of its own in each further one."""
     return seed if window == 0 else int(np.random.SeedSequence([seed, window, sample]).generate_state(1)[0])
-
-
-def on_clock(motion: Motion, fps: float) -> Motion:
-    """One motion without its padding, at a generator's frames a second."""
-    real = replace(motion, joints=motion.joints[motion.valid], valid=motion.valid[motion.valid])
-    return real if real.fps == fps else real.resampled(fps)
 
 
 def mask_of(motion: Motion, spans: Sequence[tuple[float, float]]) -> Bool[Tensor, " T"]:

@@ -11,14 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from objectives import Context, Objective, Term
 from scenectl.control import Figure, GuidanceSettings, ObjectiveGuide, SolverSettings, refine
+from scenectl.control.refine.polish import SmoothStep
 from scenectl.control.rise import Rise
-from scenectl.generators.base import Editor, Progress, silent
+from scenectl.generators.base import EditingGenerator, Progress, silent
 from scenectl.generators.prompts import Prompts
+from scenectl.generators.steps import MappedStep
 from scenectl.pipeline.generation import Made
 from scenectl.pipeline.parts import CONTEXT
 from scenectl.pipeline.seams import BESIDE, settled
@@ -49,32 +51,36 @@ class Lead:
     def of(cls, motion: Motion, frames: int) -> Lead:
         """The last two seconds of a motion ``[T, J, 3]``, or all of it."""
         first = max(motion.frames - CONTEXT, 0)
-        part = replace(motion, joints=motion.joints[first:], valid=motion.valid[first:])
-        return cls(replace(part, t0=motion.t0 + first / motion.fps), frames)
+        return cls(unpadded(motion, motion.joints[first:], t0=motion.t0 + first / motion.fps), frames)
 
     @property
     def whole(self) -> Motion:
         """The frames before, and the last of them for as long as those to come."""
         joints = torch.cat([self.motion.joints, self.motion.joints[-1:].expand(self.frames, -1, -1)])
-        return replace(self.motion, joints=joints, valid=None)
+        return unpadded(self.motion, joints)
 
     @property
     def unknown(self) -> Bool[Tensor, " T"]:
         """Which frames of `whole` are to be made."""
         return torch.arange(self.motion.frames + self.frames) >= self.motion.frames
 
+    @property
+    def begin(self) -> float:
+        """When the first frame to come is (s)."""
+        return self.motion.t0 + self.motion.frames / self.motion.fps
+
     def held(self) -> tuple[Term, ...]:
         """Goals for the last frames before."""
         last = self.motion.joints[-BESIDE:]
         begin = self.motion.t0 + (self.motion.frames - len(last)) / self.motion.fps
-        asked = {"clip": replace(self.motion, joints=last, valid=None), "frame": "world", "begin": begin}
+        asked = {"clip": unpadded(self.motion, last), "frame": "world", "begin": begin}
         return tuple(
             Term("like", {**asked, "joints": list(pair)}, HOLD, WITHIN, name=f"goes on: {pair[0]}") for pair in HELD
         )
 
 
 def go_on(
-    generator: Editor,
+    generator: EditingGenerator,
     lead: Lead,
     prompts: Prompts,
     objective: Objective,
@@ -111,8 +117,7 @@ def go_on(
     guide = ObjectiveGuide(guided, context, guidance, figure=back)
     said = prompts.within(max(before.t0, 0.0), before.t0 + len(lead.unknown) / before.fps)
     draft = generator.edit(given, lead.unknown, said, guide=guide, samples=samples, seed=seed, progress=progress)
-    assert draft.step is not None
-    step = draft.step
+    step = MappedStep(SmoothStep.of(draft.motion), rigid) if draft.step is None else draft.step
     refined = refine(step, guided, context, solver, None, progress, back)
     return Made(_new(refined.motion, lead), _new(refined.unrefined, lead), refined.solution, draft.trace)
 
@@ -121,6 +126,17 @@ def about(objective: Objective, context: Context, motion: Motion, first: int = 0
     """Those goals of an objective that are about some frame of a motion ``[T, J, 3]`` from the `first` on."""
     with torch.no_grad():
         return Objective(tuple(t for t in objective.counted if bool(t.evaluate(motion, context).mask[first:].any())))
+
+
+def unpadded(like: Motion, joints: Float[Tensor, "*b T J 3"], t0: float | None = None) -> Motion:
+    """A motion of these joints without padding, otherwise as another."""
+    return Motion(joints, fps=like.fps, t0=like.t0 if t0 is None else t0, skeleton=like.skeleton)
+
+
+def on_clock(motion: Motion, fps: float) -> Motion:
+    """One motion without its padding, at a generator's frames a second."""
+    real = replace(motion, joints=motion.joints[motion.valid], valid=motion.valid[motion.valid])
+    return real if real.fps == fps else real.resampled(fps)
 
 
 def _flattened(objective: Objective) -> Callable[[Motion], Motion]:
@@ -138,6 +154,4 @@ def _new(made: Motion, lead: Lead) -> Motion:
     # Bones that a cubic carries change their lengths by little; their directions stay.
     smooth = rigid(settled(lead.whole, made, lead.unknown), lead.motion.skeleton)
     first = lead.motion.frames
-    return replace(
-        smooth, joints=smooth.joints[..., first:, :, :], valid=None, t0=lead.motion.t0 + first / lead.motion.fps
-    )
+    return unpadded(smooth, smooth.joints[..., first:, :, :], t0=lead.begin)

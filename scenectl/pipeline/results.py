@@ -85,6 +85,7 @@ class Result:
         samples: a row for each motion, in the same order, in world coordinates.
         report: everything that report.json holds.
         drawer: draws the preview of a result into a file; None where none is wanted.
+        runner: makes further motions, `scenectl.pipeline.run.run`.
     """
 
     setup: Setup
@@ -92,6 +93,21 @@ class Result:
     samples: list[Sample]
     report: dict[str, Any] = field(repr=False)
     drawer: Drawer | None = field(default=None, repr=False)
+    runner: Callable[..., Result] | None = field(default=None, repr=False)
+
+    def then(self, task: Task, **given: Any) -> Result:
+        """What a task makes that goes on from the last frame of the first motion, which is its start.
+
+        Args:
+            task: of the same body.
+            given: further arguments of `scenectl.pipeline.run.run`.
+
+        Raises:
+            UserError: the motion has no place to go on from, or ends on a seat, or the task cannot begin there.
+        """
+        if self.runner is None:
+            raise UserError("this result was not made by `run`, which a task could go on with")
+        return self.runner(task, after=self.motion[0], **given)
 
     def save(self, folder: str | Path, preview: bool = True) -> Path:
         """Write `motion.npz`, `report.json` and, where pictures can be drawn, `preview.png`.

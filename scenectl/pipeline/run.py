@@ -5,25 +5,35 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from typing import Any
 
 from scenectl.control.solvers.problem import Solution
-from scenectl.generators import load_generator
-from scenectl.generators.base import Editor, Generator, Progress, silent
+from scenectl.generators import load_generator, registry
+from scenectl.generators.base import EditingGenerator, Generator, Progress, silent
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.generation import Made, make
+from scenectl.pipeline.going_on import Lead, on_clock
 from scenectl.pipeline.rank import ranked
 from scenectl.pipeline.report import report_of
 from scenectl.pipeline.results import Drawer, Result, plain_json
 from scenectl.pipeline.search import Search
 from scenectl.tasks.schema import Start
-from scenectl.tasks.setup import Setup, start_of
+from scenectl.tasks.setup import GROUND, Setup, start_of
 from scenectl.tasks.task import Task
 from scenectl.threads import threads
 from scenes.errors import UserError
+from scenes.motion.frames import Place
 from scenes.motion.motion import Motion
+from scenes.motion.rigid import rigid
+
+SAME = 0.01
+"""Share by which legs may be longer or shorter than a body's that are still its own: what files round off."""
+STANDS = 0.7
+"""Metres over an adult's feet from which on a pelvis is that of somebody who stands; straight legs have it at 0.93."""
+LEFT_OUT = "the task's start is left out, as the motion goes on from where another ends"
 
 
 def run(
@@ -35,6 +45,7 @@ def run(
     setup: Setup | None = None,
     scorer: Scorer | None = None,
     drawer: Drawer | None = None,
+    after: Motion | None = None,
 ) -> Result:
     """Make motions for a task: those that are met and believable come first, then those that are met, then the rest.
 
@@ -48,7 +59,11 @@ def run(
         setup: the task already built (with the same seed), so that a scene is read once.
         scorer: of the same scene, so that its triangles are prepared once.
         drawer: of the preview that `Result.save` writes.
+        after: a motion ``[T, J, 3]`` of the task's body, world m, which what is made goes on from; where it ends is the
+            task's start.
     """
+    left_out = () if after is None or task.start is None else (LEFT_OUT,)
+    task = task if after is None else begun_at_end(task, after)
     seed = task.seed if seed is None else seed
     samples = task.samples if samples is None else samples
     if not 0 <= seed < 2**63:
@@ -58,13 +73,14 @@ def run(
     tell, clock = progress or silent, _Clock()
     tell("reading the scene and planning", 0.0)
     setup = task.build(seed, spec=None if generator is None else generator.spec) if setup is None else setup
+    setup = replace(setup, unreached=(*setup.unreached, *left_out))
     clock.lap("plan_s")
     tell("loading the generator", 0.0)
     weights = task.generator.weights if generator is None else None
     generator = load_task_generator(task) if generator is None else generator
     clock.lap("load_s")
     with threads(task.generator.threads) as number:  # scenes are baked on all cores, by threads that don't spin
-        made = _generated(task, setup, generator, samples, seed, tell)
+        made = _generated(task, setup, generator, samples, seed, tell, after)
         clock.lap("generate_s")
         tell("measuring", 0.0)
         motion, rows = ranked(made.motion, made.unrefined, setup, scorer or Scorer(setup.scene, setup.body), tell)
@@ -80,16 +96,60 @@ def run(
         "refinement": _refinement(made.solution),
         "timing": clock.laps,
     }
-    return Result(setup, motion, rows, {**report_of(setup, rows, motion.fps, number), **facts}, drawer)
+    return Result(setup, motion, rows, {**report_of(setup, rows, motion.fps, number), **facts}, drawer, run)
 
 
-def _generated(task: Task, setup: Setup, generator: Generator, samples: int, seed: int, tell: Progress) -> Made:
+def begun_at_end(task: Task, motion: Motion) -> Task:
+    """A task that starts where a motion ``[T, J, 3]`` ends: on the ground there, as the pelvis faces.
+
+    Raises:
+        UserError: a start that is solved for, or a motion of other joints, or of another size than the task's body.
+    """
+    if isinstance(task.start, Start) and task.start.free:
+        raise UserError("a task whose start is free cannot go on from a motion; leave out 'free' of its start")
+    body = task.load_body()
+    if motion.skeleton.names != body.skeleton.names:
+        raise UserError("the motion to go on from has other joints than the task's body; make it with that body")
+    size = motion.skeleton.legs / body.skeleton.legs
+    if abs(size - 1) > SAME:
+        raise UserError(
+            f"the motion to go on from has legs {size:.2f} times as long as the task's body; give the task that body"
+        )
+    end = start_of(motion[-1:], body)
+    high = float(motion.joint("pelvis")[-1, 1]) - end.position[1]
+    if high < STANDS * body.size:
+        raise UserError(
+            f"the motion to go on from does not end standing: its pelvis is {high:.2f} m over the feet; let it stand up"
+        )
+    return task.model_copy(update={"start": Start(position=_on_ground(task, end.position), heading=end.heading)})
+
+
+def _on_ground(task: Task, place: Place) -> Place:
+    """A place (m, world) on the ground that is nearest under it; itself where there is none."""
+    scene = task.load_scene()
+    (x, y, z), by = place, scene.origin
+    ground = float(scene.ground_at(x - by[0], z - by[2], y + GROUND - by[1])) + by[1]
+    return x, y if math.isnan(ground) else ground, z
+
+
+def _generated(
+    task: Task, setup: Setup, generator: Generator, samples: int, seed: int, tell: Progress, after: Motion | None
+) -> Made:
     free = isinstance(task.start, Start) and task.start.free
-    if setup.script is not None and isinstance(generator, Editor):
-        return Search(generator, setup, task.solver, task.guidance, free, samples, seed, tell).run()
+    if after is not None or (setup.script is not None and isinstance(generator, EditingGenerator)):
+        lead = None if after is None else _before(after, setup, generator)
+        editor = registry.editing(generator)
+        return Search(editor, setup, task.solver, task.guidance, free, samples, seed, tell, lead).run()
     settings: dict[str, Any] = {"solver": task.solver, "guidance": task.guidance, "free_start": free}
     place = setup.seconds, setup.start, setup.objective, setup.context
     return make(generator, setup.prompts, *place, **settings, samples=samples, seed=seed, progress=tell)
+
+
+def _before(after: Motion, setup: Setup, generator: Generator) -> Motion:
+    """The last frames of a motion as a setup sees them, on its body's bones and the generator's clock, up to 0 s."""
+    seen = on_clock(after, generator.spec.fps).seen_from(setup.origin)
+    last = Lead.of(seen, 0).motion
+    return rigid(replace(last, t0=-last.frames / last.fps), setup.body.skeleton)
 
 
 def _refinement(found: Solution | None) -> dict[str, Any] | None:
@@ -125,7 +185,7 @@ def score(
     with threads(task.generator.threads) as number:
         made, rows = ranked(seen, None, setup, Scorer(setup.scene, setup.body), tell)
     facts: dict[str, Any] = {"seed": task.seed, "generator": None, "refinement": None, "timing": {}}
-    return Result(setup, made, rows, {**report_of(setup, rows, batch.fps, number), **facts}, drawer)
+    return Result(setup, made, rows, {**report_of(setup, rows, batch.fps, number), **facts}, drawer, run)
 
 
 def load_task_generator(task: Task) -> Generator:

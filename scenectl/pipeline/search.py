@@ -1,4 +1,4 @@
-"""Search over a script: its acts are made one after the other, and the best beginnings go on.
+"""Search over a task: its parts are made one after the other, and the best beginnings go on.
 
 As a whole, a script of six acts would need six lucky samples at once. Here every act is made from what came before it,
 and of all beginnings the few that meet their goals and can be believed are gone on from, each several times: a beam
@@ -9,22 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import torch
 
 from scenectl.control import GuidanceSettings, SolverSettings
-from scenectl.control.solvers.problem import Solution
-from scenectl.generators.base import Editor, Progress
+from scenectl.control.solvers.problem import Reason, Solution
+from scenectl.generators.base import EditingGenerator, Progress
 from scenectl.generators.spec import Spec
 from scenectl.measures.believability.judge import Judge
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.generation import Made, make
-from scenectl.pipeline.going_on import Lead, about, go_on
+from scenectl.pipeline.going_on import Lead, about, go_on, unpadded
 from scenectl.pipeline.parts import CONTEXT
-from scenectl.tasks.actions.script import Script
 from scenectl.tasks.setup import Setup
 from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
@@ -46,9 +45,9 @@ class Begun:
 
     motion: Motion
     unrefined: Motion
-    missed: int
-    cost: float
-    reason: str = ""
+    missed: int = 0
+    cost: float = 0.0
+    reason: Reason | None = None
 
     @property
     def badness(self) -> tuple[int, float]:
@@ -56,17 +55,20 @@ class Begun:
         return self.missed, self.cost
 
 
-def parts_of(script: Script, spec: Spec) -> list[tuple[int, int]]:
-    """First frame and end of the parts in which a script is made: its acts, and of longer ones their sentences.
+def parts_of(setup: Setup, spec: Spec, least: int) -> list[tuple[int, int]]:
+    """First frame and end of the parts in which a task is made: acts of a script, and of longer ones their sentences.
 
-    The first is as long as a motion at least, and each further one leaves room for what it goes on from. Of an act of
-    several sentences the last ones stay together, as far as they go: who sits down turns for it.
+    The first has `least` frames at least, and each leaves room for what it goes on from. Of an act of several
+    sentences the last ones stay together, as far as they go: who sits down turns for it.
     """
-    most, cuts = spec.window_frames - CONTEXT, [0]
-    for one in script.stretches:
-        end, said = round(one.end * spec.fps), [round(p.begin * spec.fps) for p in one.act.prompts(one.begin, one.end)]
+    most, cuts, fps = spec.window_frames - CONTEXT, [0], spec.fps
+    for one in () if setup.script is None else setup.script.stretches:
+        end, said = round(one.end * fps), [round(p.begin * fps) for p in one.act.prompts(one.begin, one.end)]
         cuts += [*_cut(cuts[-1], end, said, most), end]
-    while len(cuts) > 2 and cuts[1] < spec.shortest_frames:
+    if setup.script is None:
+        end, said = round(setup.seconds * fps), [round(p.begin * fps) for p in setup.prompts.sentences]
+        cuts += [*_cut(0, end, said, most), end]
+    while len(cuts) > 2 and cuts[1] < least:
         del cuts[1]
     return list(pairwise(cuts))
 
@@ -84,15 +86,16 @@ def _cut(begin: int, end: int, said: list[int], most: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Search:
-    """How a script's motions are searched for.
+    """How motions of a task are searched for.
 
     Attributes:
         generator: one that can edit.
         setup: of the task.
         solver, guidance, free_start, samples, seed, progress: as `make` takes them.
+        lead: what the motions go on from, ``[T, J, 3]`` up to 0 s; None where they begin with the task.
     """
 
-    generator: Editor
+    generator: EditingGenerator
     setup: Setup
     solver: SolverSettings
     guidance: GuidanceSettings
@@ -100,36 +103,42 @@ class Search:
     samples: int
     seed: int
     progress: Progress
+    lead: Motion | None = None
 
     def run(self) -> Made:
-        """Motions of the whole script, ``[samples, T, J, 3]``."""
-        assert self.setup.script is not None
-        parts = parts_of(self.setup.script, self.generator.spec)
-        begun, passes, solver, trace = list[Begun](), 0, "", dict[str, object]()
+        """Motions of the whole task, ``[samples, T, J, 3]``."""
+        spec = self.generator.spec
+        parts = parts_of(self.setup, spec, spec.shortest_frames if self.lead is None else 1)
+        begun = [] if self.lead is None else [Begun(self.lead, self.lead)]
+        passes, solver, trace = 0, "", dict[str, object]()
         for k, (first, end) in enumerate(parts):
-            rounds = list(self._onward(begun, k, end - first, len(parts)) if k else [self._first(end, len(parts))])
+            tell = self._telling(k, len(parts))
+            rounds = list(self._onward(begun, k, end - first, tell)) if begun else [(None, self._first(end, tell))]
             begun = [one for before, made in rounds for one in self._judged(before, made)]
             found = [made.solution for _, made in rounds if made.solution is not None]
             passes += sum(one.evaluations for one in found)
             solver = found[-1].solver if found else solver
             trace = rounds[-1][1].trace
-        motion, unrefined = (_stacked([getattr(b, name) for b in begun]) for name in ("motion", "unrefined"))
+        cut = 0 if self.lead is None else self.lead.frames
+        motion, unrefined = (
+            unpadded(one[0], torch.stack([m.joints[cut:] for m in one]), t0=0.0)
+            for one in ([b.motion for b in begun], [b.unrefined for b in begun])
+        )
         nothing = motion.joints.new_zeros(len(begun), 0)
-        reasons: list = [one.reason for one in begun]
+        reasons: list[Reason] = [one.reason for one in begun if one.reason is not None]
         return Made(motion, unrefined, Solution(solver, nothing, nothing.sum(1), reasons, passes), trace)
 
-    def _first(self, frames: int, parts: int) -> tuple[Begun | None, Made]:
+    def _first(self, frames: int, tell: Progress) -> Made:
         """The first part, from the start on."""
         setup, seconds = self.setup, frames / self.generator.spec.fps
         goals = about(setup.objective, setup.context, self._standing(frames))
-        made = make(
+        return make(
             self.generator, setup.prompts.within(0.0, seconds), seconds, setup.start, goals, setup.context,
             solver=self.solver, guidance=self.guidance, free_start=self.free_start, samples=self.samples,
-            seed=self.seed, progress=self._telling(0, parts),
+            seed=self.seed, progress=tell,
         )  # fmt: skip
-        return None, made
 
-    def _onward(self, begun: list[Begun], k: int, frames: int, parts: int) -> Iterator[tuple[Begun, Made]]:
+    def _onward(self, begun: list[Begun], k: int, frames: int, tell: Progress) -> Iterator[tuple[Begun, Made]]:
         """Part k after each of the best beginnings."""
         best = sorted(begun, key=lambda one: one.badness)[: math.ceil(SHARE * self.samples)]
         for i, one in enumerate(best):
@@ -137,30 +146,33 @@ class Search:
             seed = int(np.random.SeedSequence([self.seed, k, i]).generate_state(1)[0])
             yield one, go_on(
                 self.generator, Lead.of(one.motion, frames), self.setup.prompts, self.setup.objective,
-                self.setup.context, solver=self.solver, guidance=self.guidance, samples=count, seed=seed,
-                progress=self._telling(k, parts),
+                self.setup.context, solver=self.solver, guidance=self.guidance, samples=count, seed=seed, progress=tell,
             )  # fmt: skip
 
     def _judged(self, before: Begun | None, made: Made) -> Iterator[Begun]:
         """Beginnings with what was made after one, and what that is worth."""
-        objective, context = self.setup.objective, self.setup.context
-        exempt = tuple(one for term in objective.counted for one in term.exemptions)
-        rests = tuple(term.support for term in objective.counted if term.support is not None)
-        judge = Judge(Scorer(self.setup.scene, self.setup.body, baked=True), self.setup.prompts, exempt, rests)
+        lead = None if before is None else Lead.of(before.motion, 0).motion
         for i in range(len(made.motion.joints)):
             new, draft = made.motion[i], (made.motion if made.unrefined is None else made.unrefined)[i]
-            lead = None if before is None else Lead.of(before.motion, 0).motion
-            seen = new if lead is None else _after(lead, new)
-            goals = about(objective, context, seen, 0 if lead is None else lead.frames)
-            with torch.no_grad():
-                cost, met = float(goals.cost(seen, context)), bool(goals.met(seen, context))
-            missed = int(not (met and judge.verdict(seen).believable))
-            reason = "" if made.solution is None else made.solution.reasons[i]
+            missed, cost = self._worth(new if lead is None else _after(lead, new), 0 if lead is None else lead.frames)
+            reason = None if made.solution is None else made.solution.reasons[i]
             if before is None:
                 yield Begun(new, draft, missed, cost, reason)
             else:
                 whole, drafts = _after(before.motion, new), _after(before.unrefined, draft)
                 yield Begun(whole, drafts, before.missed + missed, before.cost + cost, reason)
+
+    def _worth(self, seen: Motion, first: int) -> tuple[int, float]:
+        """Whether goals about a motion ``[T, J, 3]`` from the `first` frame on are missed, or it is not believable;
+        and what they cost."""
+        objective, context = self.setup.objective, self.setup.context
+        exempt = tuple(one for term in objective.counted for one in term.exemptions)
+        rests = tuple(term.support for term in objective.counted if term.support is not None)
+        judge = Judge(Scorer(self.setup.scene, self.setup.body, baked=True), self.setup.prompts, exempt, rests)
+        goals = about(objective, context, seen, first)
+        with torch.no_grad():
+            cost, met = float(goals.cost(seen, context)), bool(goals.met(seen, context))
+        return int(not (met and judge.verdict(seen).believable)), cost
 
     def _standing(self, frames: int) -> Motion:
         """Somebody who stands at the start for so many frames."""
@@ -174,8 +186,4 @@ class Search:
 
 def _after(before: Motion, motion: Motion) -> Motion:
     """One motion ``[T, J, 3]`` after another."""
-    return replace(before, joints=torch.cat([before.joints, motion.joints]), valid=None)
-
-
-def _stacked(motions: list[Motion]) -> Motion:
-    return replace(motions[0], joints=torch.stack([one.joints for one in motions]), valid=None)
+    return unpadded(before, torch.cat([before.joints, motion.joints]))

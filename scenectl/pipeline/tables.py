@@ -229,13 +229,13 @@ class TaskDump(_Table):
     """The task: `Task(**task)` builds it again, as far as its scene comes from files, and says what is wrong with it.
 
     Attributes:
-        prompt: the sentence, or tables of several.
+        prompt: the sentence, or tables of several; None for a script of actions.
         folder: where relative paths are looked for.
     """
 
     model_config = ConfigDict(extra="allow")
 
-    prompt: str | list[dict[str, Any]]
+    prompt: str | list[dict[str, Any]] | None
     folder: str | None = None
 
 

@@ -17,7 +17,9 @@ from scenectl.generators.base import Draft, Editor
 from scenectl.generators.mscot.keeping import bridged
 from scenectl.generators.mscot.sampling import MSCoT
 from scenectl.generators.prompts import Prompt, Prompts
-from scenectl.pipeline.editing import edit, edited, mask_of, on_clock, settled
+from scenectl.pipeline.editing import edit, edited, mask_of
+from scenectl.pipeline.going_on import on_clock
+from scenectl.pipeline.seams import settled
 from scenectl.tasks.task import Task
 from scenes.errors import UserError
 from scenes.motion.bones import bone_lengths, rest_lengths

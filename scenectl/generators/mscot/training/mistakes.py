@@ -49,8 +49,8 @@ class Reader:
     def __call__(self, latent: Float[Tensor, "B d L"], generator: torch.Generator) -> Reading:
         """Tokens of latents; what is random is drawn on the CPU, so that every device reads the same."""
         if not self.most:
-            right = self.quantiser.encode(latent)
-            return Reading(right, right)
+            tokens = self.quantiser.encode(latent)
+            return Reading(tokens, tokens)
         finest, rest, reading = latent.shape[-1], latent, Reading([], [])
         share = self.most * torch.rand(len(latent), 1, generator=generator)
         for k, length in enumerate(self.quantiser.lengths(finest)):

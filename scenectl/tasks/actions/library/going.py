@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -75,11 +76,19 @@ def walk(
             "at most"
         )
     walking = walk_terms(table, path, lasts - begin, world.spec.fps, (), world.body)
-    terms = [term.during(begin, lasts) for term in walking]
+    terms = [_briefer(term, frame=1 / world.spec.fps).during(begin, lasts) for term in walking]
     if how != "forwards":
         terms += _turned(path, offset, (begin, lasts))
     then = state.at(path[-1], last + offset)
     return Act(_told(how, offset, way, begin, path), lasts, then, tuple(terms), path)
+
+
+def _briefer(term: Term, frame: float) -> Term:
+    """A limit of speeds without its last frame, whose speed is that at which the next act begins."""
+    if term.spec.name != "speed_limit" or term.window is None:
+        return term
+    begin, end = term.window
+    return replace(term, window=(begin, max(end - frame, begin)))
 
 
 def _way(table: Walk, area: FreeArea, state: State) -> np.ndarray:

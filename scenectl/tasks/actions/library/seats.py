@@ -53,7 +53,7 @@ def sit(world: World, state: State, *, on: str | Point, seconds: Seconds = 3.0, 
     keeps = _seated(world.body, seat, on)
     terms = [replace(term, window=(rests, lasts)) for term in keeps]
     terms.append(facing(seat.heading, (down, lasts)))
-    terms.append(upright(world, seat.stand[1], (begin, down + LEAVING)))
+    terms.append(upright(world, seat.stand[1], (begin, down)))
     terms += _on_the_way(keeps, (down + LEAVING, rests))
     then = State((seat.hips[0], seat.stand[1], seat.hips[2]), seat.heading, "sitting", keeps, THIGHS, seat.stand)
     before = () if way is None else way.prompts(0.0, begin)
