@@ -1,5 +1,29 @@
 """The goals that come with the package; importing this registers them."""
 
-from objectives.library import contacts, directions, heights, natural, obstacles, paths, poses, regions, scene, targets
+from objectives.library import (
+    contacts,
+    directions,
+    heights,
+    held,
+    natural,
+    obstacles,
+    paths,
+    poses,
+    regions,
+    scene,
+    targets,
+)
 
-__all__ = ["contacts", "directions", "heights", "natural", "obstacles", "paths", "poses", "regions", "scene", "targets"]
+__all__ = [
+    "contacts",
+    "directions",
+    "heights",
+    "held",
+    "natural",
+    "obstacles",
+    "paths",
+    "poses",
+    "regions",
+    "scene",
+    "targets",
+]

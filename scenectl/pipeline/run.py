@@ -73,7 +73,7 @@ def run(
     tell, clock = progress or silent, _Clock()
     tell("reading the scene and planning", 0.0)
     setup = task.build(seed, spec=None if generator is None else generator.spec) if setup is None else setup
-    setup = replace(setup, unreached=(*setup.unreached, *left_out))
+    setup = replace(setup, unreached=(*setup.unreached, *left_out)) if left_out else setup
     clock.lap("plan_s")
     tell("loading the generator", 0.0)
     weights = task.generator.weights if generator is None else None

@@ -15,6 +15,7 @@ from scenectl.generators.spec import Spec
 from scenectl.tasks.actions.script import Script, scripted
 from scenectl.tasks.actions.state import State, World
 from scenectl.tasks.conditions import Target, targets_of
+from scenectl.tasks.held import holds, with_held, without_held
 from scenectl.tasks.schema import Start, TaskTable
 from scenectl.tasks.walk import FASTEST_WALK, WAIT, Schedule, Walk, room_of, seconds_for, walk_terms
 from scenes.body.body import DEFAULT_BODY, STATURE, ProxyBody
@@ -62,6 +63,10 @@ class Setup:
     prompts: Prompts
     script: Script | None = None
     unreached: tuple[str, ...] = ()
+
+    def scene_of(self, motion: Motion) -> Scene:
+        """The scene with the things that a motion ``[T, J, 3]`` of its frame holds in its hands."""
+        return with_held(self.scene, self.objective.counted, motion)
 
     @property
     def origin(self) -> Place:
@@ -119,8 +124,6 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
     else:
         place = _below(scene, start.position)
     free = isinstance(task.start, Start) and task.start.free  # who may start elsewhere may be anywhere
-    reached = scene if free else scene.reached_from(place)
-    context = Context(reached, body)
     script = _script(task, World(scene, body, spec), place, start) if task.actions else None
     if script is not None:
         path, seconds, prompts = script.path, script.seconds, script.prompts
@@ -132,6 +135,9 @@ def _planned(task: TaskTable, seed: int | None, start: Pose2D | None, scene: Sce
         heading = _heading(task, path) if script is None else script.stretches[0].before.heading
         start = Pose2D((place[0], place[1] + body.sole_offset, place[2]), heading)
     objective = Objective((*_led(task, script, path, seconds, spec, body), *task.terms, *_avoided(task, script)))
+    scene = without_held(scene, holds(objective.counted, seconds), Context(scene, body))
+    reached = scene if free else scene.reached_from(place)
+    context = Context(reached, body)
     objective.check(context, seconds, spec.fps)
     unreached = _unreached(reached, targets_of(objective, context, start, seconds, spec), place[1])
     unreached += () if free else _astray(reached, place)

@@ -37,7 +37,7 @@ def of_result(result: Result, sample: int = 0) -> Picture:
 def of_setup(setup: Setup, motion: Motion) -> Picture:
     """One motion ``[T, J, 3]``, in the world, of a task that is built."""
     seen = motion.seen_from(setup.origin)
-    return Picture(setup.scene, seen, setup.path, setup.objective, str(setup.prompts), setup.body)
+    return Picture(setup.scene_of(seen), seen, setup.path, setup.objective, str(setup.prompts), setup.body)
 
 
 def of_motion(motion: Motion, title: str = "") -> Picture:

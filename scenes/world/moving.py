@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from scenes.errors import UserError, shown
@@ -36,6 +36,9 @@ from scenes.sdf.settings import Cache, check_resolution
 PADDING = 0.3
 """Metres of grid around an object. Beyond its grid a distance is a bound from below (see `SdfGrid.distance`), which is
 more than this: more than the thickest part of a body and its margin, so that nothing there counts as touched."""
+
+AWAY = 10.0
+"""Distance (m) of what is elsewhere: more than anything asks for."""
 
 HALF_TURN = 1e-3
 """A turn may exceed a half by twice this many radians and still go the way it was stated: people write 3.1416."""
@@ -164,6 +167,8 @@ class MovingObject:
         name: for reports; by default the mesh's.
         resolution: nodes along the longest side of a mesh's grid, 8 to 512.
         cache: folder of bakes, "default", or None.
+        gone: from when to when (s) it is elsewhere, as in somebody's hands: nothing is at its place.
+        loose: it is a thing of its own, which can be taken; a part of a mesh is not.
 
     Raises:
         UserError: a plane, a primitive with a motion of its own, or the grid of a room (all else would be solid).
@@ -174,6 +179,8 @@ class MovingObject:
     name: str = ""
     resolution: int = 128
     cache: Cache = "default"
+    gone: tuple[tuple[float, float], ...] = ()
+    loose: bool = True
 
     def __post_init__(self) -> None:
         check_resolution(self.resolution)
@@ -245,7 +252,15 @@ class MovingObject:
             points: metres, world.
             time: seconds on the task's clock, broadcastable to ``points[..., 0]``; None means 0 s.
         """
-        return self.field.distance(self.local(points, time))
+        distance = self.field.distance(self.local(points, time))
+        return torch.where(self._away(clock(time, points)), AWAY, distance) if self.gone else distance
+
+    def _away(self, time: Float[Tensor, "*t"]) -> Bool[Tensor, "*t"]:
+        """Whether it is elsewhere at each time (s)."""
+        away = torch.zeros_like(time, dtype=torch.bool)
+        for begin, end in self.gone:
+            away = away | ((time > begin) & (time < end))
+        return away
 
     def distance_exact(self, points: np.ndarray, time: np.ndarray | float | None = None) -> np.ndarray:
         """Signed distance (m) from the triangles, or the analytic shape, at the given times.
@@ -258,10 +273,13 @@ class MovingObject:
             ``[n]`` float64 metres, positive outside.
         """
         when = None if time is None else torch.as_tensor(np.asarray(time, dtype=np.float64))
-        local = self.local(torch.from_numpy(np.ascontiguousarray(points)), when)
+        given = torch.from_numpy(np.ascontiguousarray(points))
+        local = self.local(given, when)
         if isinstance(self.shape, Mesh | Bake | SdfGrid):
-            return signed_distance(self._sides, np.ascontiguousarray(local.numpy()), self._grid)
-        return self.shape.distance(local).numpy()
+            found = signed_distance(self._sides, np.ascontiguousarray(local.numpy()), self._grid)
+        else:
+            found = self.shape.distance(local).numpy()
+        return np.where(self._away(clock(when, given)).numpy(), AWAY, found) if self.gone else found
 
     @cached_property
     def _sides(self) -> Sides:
@@ -303,7 +321,7 @@ class MovingObject:
             )
         else:
             what = shape
-        return hashlib.sha256(repr((what, self.trajectory)).encode()).hexdigest()
+        return hashlib.sha256(repr((what, self.trajectory, *self.gone)).encode()).hexdigest()
 
 
 def _zero_level(grid: SdfGrid, name: str) -> Mesh:

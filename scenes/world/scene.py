@@ -189,6 +189,14 @@ class Scene:
         vars(found).pop("fields", None)
         return found
 
+    def with_objects(self, objects: Sequence[MovingObject]) -> Scene:
+        """The same scene, with all that is known of it, with other objects."""
+        found = copy.copy(self)
+        found.objects = tuple(objects)
+        for name in ("fields", "_loose", "extent", "bounds", "digest", "_parts", "_bare"):
+            vars(found).pop(name, None)
+        return found
+
     @cached_property
     def parts(self) -> Parts | None:
         """Its free space, divided where no way leads through what does not move; None where it is not, or unknown."""
@@ -219,7 +227,9 @@ class Scene:
                     f"scene '{self.name}' has no part '{clipped(name)}'{did_you_mean(name, [*moving, *self.named])}"
                 )
             still = Trajectory((0.0,), ((0.0, 0.0, 0.0),))
-            self._parts[name] = moving.get(name) or MovingObject(self.named[name], still, name, cache=self.baking.cache)
+            self._parts[name] = moving.get(name) or MovingObject(
+                self.named[name], still, name, cache=self.baking.cache, loose=False
+            )
         return self._parts[name]
 
     @cached_property

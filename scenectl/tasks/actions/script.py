@@ -96,7 +96,8 @@ class Stretch:
     @property
     def terms(self) -> tuple[Term, ...]:
         """Its goals on the script's clock."""
-        here = (term.during(self.begin, self.end) for term in (*self.act.terms, *self.entry.goals))
+        goes_on = self.before.holds if self.act.then.holds == self.before.holds else ()
+        here = (term.during(self.begin, self.end) for term in (*self.act.terms, *goes_on, *self.entry.goals))
         return tuple(replace(term, name=f"{self.entry.number} {self.entry.name}: {term.name}") for term in here)
 
 

@@ -53,6 +53,7 @@ class State:
         keeps: goals that hold as long as the body stays as it is, such as its contact with a seat.
         touches: joints whose part of the body touches the scene meanwhile.
         feet: where the feet stand of somebody who sits: a place on the ground where they can stand up to.
+        holds: goals that hold until what is in the hands is put down.
     """
 
     place: Place
@@ -61,11 +62,17 @@ class State:
     keeps: tuple[Term, ...] = ()
     touches: tuple[str, ...] = ()
     feet: Place | None = None
+    holds: tuple[Term, ...] = ()
+
+    @property
+    def held(self) -> str:
+        """Name of what is in the hands; nothing where they are empty."""
+        return str(self.holds[0].parameters["object"]) if self.holds else ""
 
     def at(self, place: Sequence[float] | np.ndarray, heading: float) -> State:
         """Standing elsewhere."""
         x, y, z = (float(value) for value in place)
-        return State((x, y, z), turn(heading))
+        return State((x, y, z), turn(heading), holds=self.holds)
 
     def facing(self, heading: float) -> State:
         """The same, turned."""

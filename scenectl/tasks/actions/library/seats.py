@@ -55,7 +55,9 @@ def sit(world: World, state: State, *, on: str | Point, seconds: Seconds = 3.0, 
     terms.append(facing(seat.heading, (down, lasts)))
     terms.append(upright(world, seat.stand[1], (begin, down)))
     terms += _on_the_way(keeps, (down + LEAVING, rests))
-    then = State((seat.hips[0], seat.stand[1], seat.hips[2]), seat.heading, "sitting", keeps, THIGHS, seat.stand)
+    then = State(
+        (seat.hips[0], seat.stand[1], seat.hips[2]), seat.heading, "sitting", keeps, THIGHS, seat.stand, state.holds
+    )
     before = () if way is None else way.prompts(0.0, begin)
     turns = "turns around" if abs(turned) > FULL else f"turns to the {side(turned)}"
     told = [Prompt(f"a person {turns}.", begin)] if down > begin else []
@@ -80,7 +82,7 @@ def stand_up(world: World, state: State, *, seconds: Seconds = UP) -> Act:
     leaves, tall = _on_the_way(state.keeps, (LEAVING, 0.8 * seconds)), upright(world, state.feet[1], end)
     terms = (*still, *leaves, target, tall, facing(state.heading, end))
     touches = dict.fromkeys(THIGHS, (0.0, 0.8 * seconds))
-    then = State(state.feet, state.heading)
+    then = State(state.feet, state.heading, holds=state.holds)
     return Act("a person stands up from a chair.", seconds, then, terms, None, touches)
 
 
