@@ -104,6 +104,11 @@ class Context:
         ground = self.scene.ground if isinstance(self.scene, Grounded) else None
         return None if ground is None else torch.full_like(points[..., 0], ground, requires_grad=False)
 
+    def give(self, part: str) -> float:
+        """By how much (m) a named part of the scene gives, as a cushion does; 0 where none says so."""
+        soft: dict[str, float] = getattr(self.scene, "soft", {})
+        return soft.get(part, 0.0)
+
     @property
     def origin(self) -> Place:
         """Where in the world (m) the frame begins that the motion, the scene and all typed parameters are stated in.

@@ -49,8 +49,9 @@ def contact(
     """Rest a part of the body on or against a surface: seat and thighs on a chair, a hand on a table.
 
     Three residuals, m, of d = min over the part's samples m of phi(p_m) - r_m: max(0, d - within), how far the nearest
-    is from the surface; max(0, -d), how deep the deepest is in it; and how far the part slides over it in 0.1 s, beyond
-    `slide`. Ours; no paper states it. The scale is that of `joint_target`.
+    is from the surface; max(0, -d - give), how deep the deepest is in it, beyond what a soft part of the scene gives;
+    and how far the part slides over it in 0.1 s, beyond `slide`. Ours; no paper states it. The scale is that of
+    `joint_target`.
 
     Args:
         part: "seat", "back", or a hand or foot.
@@ -73,7 +74,8 @@ def contact(
     moved = length(middle.diff(dim=-2)) - slide / motion.fps
     slid = torch.nn.functional.pad(moved.clamp_min(0) * (_MOMENT * motion.fps), (0, 1))
     steps = torch.nn.functional.pad(motion.valid[..., 1:] & motion.valid[..., :-1], (0, 1))
-    parts = [(nearest - within).clamp_min(0), (-nearest).clamp_min(0), slid]
+    give = 0.0 if surface is None else context.give(surface)
+    parts = [(nearest - within).clamp_min(0), (-nearest - give).clamp_min(0), slid]
     active, labels, targets = [motion.valid, motion.valid, steps], ["gap", "depth", "slide"], None
     if position is not None:
         place = middle.new_tensor(position)
@@ -86,6 +88,36 @@ def contact(
         joints=[OWNERS[part][0]] * len(parts), points=middle[..., None, :].expand(*middle.shape[:-1], len(parts), 3),
         targets=targets,
     )  # fmt: skip
+
+
+@goal(unit="m", kernel="squared", reduction="mean", scale=200.0, tolerance=0.03, local=True)
+def support(
+    motion: Motion,
+    context: Context,
+    *,
+    parts: list[Part] = ["left_foot", "right_foot", "seat", "left_hand", "right_hand"],  # noqa: B006  (read only)
+) -> Masked:
+    """Be carried at any time by some part of the body, whichever it is.
+
+    Its residual is max(0, min_m phi(p_m) - r_m), m, over the samples m of all parts: how far the nearest is from
+    anything. Ours; no paper states it. The scale is that of `joint_target`.
+
+    Args:
+        parts: which can carry.
+
+    Raises:
+        UserError: no part, or one without samples.
+    """
+    owners = {joint for part in parts for joint in OWNERS[part]}
+    points, radius = context.body.points(motion)
+    chosen = [i for i, owner in enumerate(context.body.owners) if owner in owners]
+    if not chosen:
+        raise UserError("no sample of the body belongs to 'parts'; name some that can carry")
+    points, radius = points[..., chosen, :], radius[chosen].to(points)
+    nearest = (context.scene.distance(points, motion.times[:, None]) - radius).min(-1)
+    at = nearest.indices[..., None, None].expand(*nearest.indices.shape, 1, 3)
+    names = ["the part that is nearest to something"]
+    return Masked(nearest.values.clamp_min(0)[..., None], labels=names, points=points.gather(-2, at))
 
 
 def _distance(

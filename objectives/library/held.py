@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -13,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives.context import Context, Parted
+from objectives.marks import Mark
 from objectives.maths import length
 from objectives.parameters import Point
 from objectives.registry import Masked, goal
@@ -24,6 +24,8 @@ from scenes.world.moving import MovingObject
 Hand = Literal["left", "right", "both"]
 PALM = 0.27
 """Share of the forearm by which the palm's middle is beyond the wrist (`scenes.body.body`)."""
+_SHOWN = 0.03
+"""Radius (m) of the ball that shows where its middle shall be."""
 _CORNERS = 3
 """Points along each side of a thing's box at which it is asked whether it touches something."""
 
@@ -148,14 +150,14 @@ def hold(
         palms = grip.palms(motion)
         parts += [length(palms[side] - middle - sign * aside) for side, sign in (("left", 1.0), ("right", -1.0))]
         labels += ["left grip", "right grip"]
-    targets = None
     if position is not None:
-        place = middle.new_tensor(position)
-        parts.append(length(middle - place))
+        parts.append(length(middle - middle.new_tensor(position)))
         labels.append("place")
-        free = torch.full((len(parts) - 1, 3), math.nan).to(place)
-        targets = torch.cat([free, place[None]]).expand(*middle.shape[:-1], len(parts), 3)
+
+    def marks() -> list[Mark]:
+        return [] if position is None else [Mark("ball", torch.tensor([list(position)]), _SHOWN)]
+
     return Masked(
         torch.stack(parts, dim=-1), labels=[f"{object} ({what})" for what in labels], joints=[owner] * len(parts),
-        points=middle[..., None, :].expand(*middle.shape[:-1], len(parts), 3), targets=targets,
+        points=middle[..., None, :].expand(*middle.shape[:-1], len(parts), 3), marks=marks,
     )  # fmt: skip

@@ -108,7 +108,7 @@ class Prompts:
 
     def within(self, begin: float, end: float) -> Prompts:
         """What is said of a part of the motion, in seconds of that part."""
-        spans = [p for p in self.spans() if p.begin < end and (p.end is None or p.end > begin)]
+        spans = [p for p in self.spans() if p.begin < end - _SLACK and (p.end is None or p.end > begin + _SLACK)]
         return Prompts(tuple(Prompt(p.text, max(p.begin - begin, 0.0)) for p in spans))
 
     def _end(self, i: int, seconds: float) -> float:

@@ -31,8 +31,12 @@ from scenes.motion.skeleton import FEET
 HELD = (("pelvis", "head"), ("left_ankle", "right_ankle"), ("left_wrist", "right_wrist"))
 """Joints of the last kept frames that refinement holds: where a body is, how it is turned, and what it does with its
 limbs. In pairs, as goals for three joints at once count as poses (`Thresholds.body_joints`)."""
-HOLD, WITHIN = 0.25, 0.1
+HOLD, WITHIN = 1.0, 0.03
 """Weight of each of these goals, and metres within which they count as met: what is left of a jump dies away. Ours."""
+
+SOON = 5
+"""Frames over which what is left of a jump dies away. It is a centimetre or two, but a difference of speeds carries
+feet the further the longer it takes to die: over `SETTLE` frames, centimetres into the floor. Ours."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +156,6 @@ def _flattened(objective: Objective) -> Callable[[Motion], Motion]:
 def _new(made: Motion, lead: Lead) -> Motion:
     """The new frames ``[S, n, J, 3]`` of a made window, after which nothing is left of a jump."""
     # Bones that a cubic carries change their lengths by little; their directions stay.
-    smooth = rigid(settled(lead.whole, made, lead.unknown), lead.motion.skeleton)
+    smooth = rigid(settled(lead.whole, made, lead.unknown, SOON), lead.motion.skeleton)
     first = lead.motion.frames
     return unpadded(smooth, smooth.joints[..., first:, :, :], t0=lead.begin)

@@ -15,7 +15,7 @@ SETTLE = 20
 """Frames made anew over which a seam's remaining jump dies away, where there are as many."""
 
 
-def settled(original: Motion, made: Motion, regenerate: Bool[Tensor, " T"]) -> Motion:
+def settled(original: Motion, made: Motion, regenerate: Bool[Tensor, " T"], frames: int = SETTLE) -> Motion:
     """The original where it is kept, and what was made elsewhere, without a jump of position or velocity between.
 
     At each seam, the difference of position and velocity on the kept side decays along a cubic over the frames made
@@ -25,11 +25,12 @@ def settled(original: Motion, made: Motion, regenerate: Bool[Tensor, " T"]) -> M
         original: ``[T, J, 3]``.
         made: ``[S, T, J, 3]``.
         regenerate: which frames of `made` count.
+        frames: over which a jump dies away, where there are as many.
     """
     offset = original.joints - made.joints
     total = torch.where(regenerate[:, None, None], 0.0, offset)
     for seam, toward, room in _seams(regenerate):
-        length = min(SETTLE, room)
+        length = min(frames, room)
         past = seam - toward  # the kept frame before last, where there is one
         inside = 0 <= past < len(regenerate) and not regenerate[past]
         jump = offset[:, seam]

@@ -29,7 +29,8 @@ from scenes.motion.bones import rest_pose
 from scenes.motion.motion import Motion
 
 SHARE = 0.5
-"""Share of the samples that go on after a part; each of them goes on as often as to make up for the others."""
+"""Share of the samples that go on after a part, at most: those with the fewest parts missed. Each of them goes on as
+often as to make up for the others. Ours."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +49,6 @@ class Begun:
     missed: int = 0
     cost: float = 0.0
     reason: Reason | None = None
-
-    @property
-    def badness(self) -> tuple[int, float]:
-        """Lowest for the beginning to go on from first."""
-        return self.missed, self.cost
 
 
 def parts_of(setup: Setup, spec: Spec, least: int) -> list[tuple[int, int]]:
@@ -140,7 +136,9 @@ class Search:
 
     def _onward(self, begun: list[Begun], k: int, frames: int, tell: Progress) -> Iterator[tuple[Begun, Made]]:
         """Part k after each of the best beginnings."""
-        best = sorted(begun, key=lambda one: one.badness)[: math.ceil(SHARE * self.samples)]
+        least = min(one.missed for one in begun)
+        good = sorted((one for one in begun if one.missed == least), key=lambda one: one.cost)
+        best = good[: math.ceil(SHARE * self.samples)]
         for i, one in enumerate(best):
             count = self.samples // len(best) + (i < self.samples % len(best))
             seed = int(np.random.SeedSequence([self.seed, k, i]).generate_state(1)[0])

@@ -30,6 +30,8 @@ def scene_table(scene: Scene) -> dict[str, Any] | str:
     if len(scene.meshes) > 1 or None in objects:
         return scene.name
     facts: dict[str, Any] = {"resolution": scene.baking.resolution, "primitives": shapes, "objects": objects}
+    if scene.soft:
+        facts["soft"] = dict(scene.soft)
     if not scene.meshes:
         return {**facts, "floor": scene.stated_floor}
     mesh = scene.meshes[0]

@@ -118,7 +118,8 @@ class SceneSpec(_Table):
         spacing: metres between nodes instead, for large scenes: fine near surfaces, coarse elsewhere.
         thickness: metres that walls of the file without thickness, or with less, are given.
         primitives: tables with `shape` ("box", "sphere", "capsule", "cylinder", "plane") and its parameters.
-        objects: what moves (`ObjectSpec`), [[scene.objects]] tables.
+        objects: what moves, or can be taken (`ObjectSpec`), [[scene.objects]] tables.
+        soft: by how much (m) parts of the scene give, such as cushions, by their names.
     """
 
     bundled: str | None = None
@@ -132,12 +133,14 @@ class SceneSpec(_Table):
     thickness: float = 0.0
     primitives: tuple[dict[str, Any], ...] = ()
     objects: tuple[ObjectSpec, ...] = ()
+    soft: dict[str, Annotated[float, Field(ge=0, le=0.3)]] = Field(default_factory=dict)
 
     def build(self) -> Scene:
         """Read the files; raises UserError for what cannot be read. Nothing is baked yet."""
         shapes = [_named(f"primitive {k + 1}", _shape, table) for k, table in enumerate(self.primitives)]
         objects = [_named(f"object {k + 1}", ObjectSpec.build, spec) for k, spec in enumerate(self.objects)]
         more: dict[str, Any] = {"objects": objects, "thickness": self.thickness, "spacing": self.spacing}
+        more["soft"] = self.soft
         if self.bundled is not None and self.file is not None:
             raise UserError("scene states both 'bundled' and 'file'; keep one of them")
         if self.bundled is not None:
@@ -149,7 +152,7 @@ class SceneSpec(_Table):
             more |= {"resolution": self.resolution, "free_space": self.free_space}
             return load_scene(self.file, self.unit, self.up, self.floor, shapes, **more)
         name = "primitives" if shapes else "objects" if objects else "empty"
-        return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects)
+        return Scene(primitives=shapes, floor=self.floor or 0.0, name=name, objects=objects, soft=self.soft)
 
 
 class Start(_Table):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial, reduce
 from itertools import chain
@@ -47,6 +47,9 @@ _FRAME = (
 )
 """What is said of a scene in a frame of its own."""
 
+SAME = 0.01
+"""Metres by which a part that is baked alone may seem farther than the scene with it, and be what is nearest still."""
+
 BUNDLED = Path(__file__).parents[1] / "bundled"
 
 
@@ -66,6 +69,7 @@ class Scene:
         objects: Sequence[MovingObject] = (),
         name: str = "scene",
         origin: Place = HOME,
+        soft: Mapping[str, float] | None = None,
         **baking: Unpack[BakeOptions],
     ) -> None:
         """Describe a scene.
@@ -78,6 +82,7 @@ class Scene:
             objects: rigid things on trajectories, each with a grid of its own; never taken for the floor.
             name: for reports.
             origin: where in the world (m) the frame begins that all coordinates here are stated in.
+            soft: by how much (m) some of its parts give, such as cushions, by name (`part`).
             **baking: how each mesh is baked, any of `BakeSettings`. A seed point for `free_space` applies to the meshes
                 whose bounds hold it, and must lie within at least one; the others are solid inside. Where a dense grid
                 of a stated `spacing` would be large, its nodes are kept near surfaces only (see
@@ -89,6 +94,7 @@ class Scene:
         self.baking = BakeSettings(**baking)
         self.name = name
         self.origin = origin
+        self.soft = dict(soft or {})
         self.reach: Reach | None = None
         self.stated_floor = 0.0 if floor is None and not self.meshes else floor
         if self.stated_floor is not None:
@@ -113,6 +119,7 @@ class Scene:
             objects=[thing.moved(by) for thing in self.objects],
             name=self.name,
             origin=origin,
+            soft=self.soft,
             **how,
         )
 
@@ -249,7 +256,11 @@ class Scene:
             points: metres, world.
             time: seconds on the task's clock, broadcastable to ``points[..., 0]``; None means 0 s.
         """
-        return _least(self.fields, points, time)
+        found = _least(self.fields, points, time)
+        for name, give in self.soft.items():
+            part = self.part(name).distance(points, time)
+            found = torch.where(part <= found + SAME, part + give, found)
+        return found
 
     def distance_exact(self, points: np.ndarray, time: np.ndarray | float | None = None) -> np.ndarray:
         """Signed distance (m) from the triangles themselves: the oracle that scores motions.
@@ -281,6 +292,9 @@ class Scene:
         if self.reach is not None:
             results.append(self.reach.distance(tensor).numpy())
         nearest: np.ndarray = np.minimum.reduce(results)
+        for name, give in self.soft.items():
+            part = self.part(name).distance_exact(points, time)
+            nearest = np.where(part <= nearest + SAME, part + give, nearest)
         return nearest
 
     def _grid(self, number: int) -> Any:
@@ -433,7 +447,7 @@ class Scene:
         how, meshes, objects = self.baking, [m.digest for m in self.meshes], [thing.digest for thing in self.objects]
         voxels = (how.resolution, how.free_space, how.thickness, how.spacing)
         margin = () if how.padding == BakeSettings.padding else (how.padding,)
-        text = repr((meshes, self.primitives, self.stated_floor, *voxels, objects, *margin))
+        text = repr((meshes, self.primitives, self.stated_floor, *voxels, objects, *margin, *sorted(self.soft.items())))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def report(self) -> list[str]:

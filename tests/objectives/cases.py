@@ -13,8 +13,10 @@ from torch import Tensor
 
 from objectives import Context
 from scenes.body.body import Segments
+from scenes.mesh.primitives import Box
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import HUMANML3D, Skeleton
+from scenes.world.moving import MovingObject, Trajectory
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,10 @@ class Ball:
     @property
     def bounds(self) -> np.ndarray:
         return np.array([[-3.0, self.floor, -3.0], [3.0, self.floor + 3.0, 3.0]])
+
+    def part(self, name: str) -> MovingObject:
+        """A box that rests."""
+        return MovingObject(Box((0.0, 0.0, 0.0), (0.2, 0.3, 0.1)), Trajectory((0.0,), ((0.3, 1.0, 0.4),), (0.3,)), name)
 
     def distance(self, points: Tensor, time: Tensor | None = None) -> Tensor:
         now = torch.zeros_like(points[..., 0]) if time is None else time.expand(points.shape[:-1]) - self.epoch
@@ -163,6 +169,15 @@ EXAMPLES: dict[str, list[Example]] = {
         lambda s: {"part": "right_hand", "position": [0.2, 1.0, 0.2], "slide": 0.02, "within": 0.01},
         lambda s: {"part": "left_foot", "window": [0.1 + s, 0.3 + s]},
     ],
+    "support": [
+        lambda s: {"parts": ["right_hand"]},
+        lambda s: {"parts": ["right_hand", "right_foot"], "window": [0.1 + s, 0.3 + s]},
+    ],
+    "hold": [
+        lambda s: {"object": "box", "hand": "left", "left": -0.4, "up": -0.35, "forward": 0.25},
+        lambda s: {"object": "box", "hand": "left", "position": [0.2, 1.0, 0.2], "at": 0.2 + s},
+        lambda s: {"object": "box", "hand": "both", "facing": 0.4, "window": [0.1 + s, 0.3 + s]},
+    ],
     "foot_contact": [lambda s: {"threshold": 0.01}, lambda s: {"threshold": 0.01, "each": True}],
     "head_height": [
         lambda s: {"height": [1.3, 1.2, 1.4]},
@@ -235,6 +250,8 @@ SATISFIED: dict[str, dict[str, Any]] = {
     "sdf_penetration": {"exempt": ["left_foot", "right_foot", "left_ankle", "right_ankle"]},
     "swept_penetration": {"exempt": ["left_foot", "right_foot", "left_ankle", "right_ankle"]},
     "contact": {"part": "left_hand", "within": 2.0},
+    "support": {"parts": ["left_foot", "right_foot"]},
+    "hold": {"object": "box", "hand": "left", "left": 0.5},
     "foot_contact": {"threshold": 0.0},
     "head_height": {"height": None},  # the test states where the head is
     "height_limit": {"limit": 2.0},

@@ -13,7 +13,8 @@ from objectives import FloorPoint, Mark, Masked, Objective, Point, Term, Time, W
 from objectives.parameters import stated
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
-from tests.objectives.cases import EXAMPLES, context, standing, wandering
+from scenes.world.moving import MovingObject
+from tests.objectives.cases import EXAMPLES, Ball, context, standing, wandering
 
 Some = pytest.approx
 
@@ -105,6 +106,9 @@ def test_no_mark_asks_for_a_distance() -> None:
 
         def distance(self, points: Tensor, time: Tensor | None = None) -> Tensor:
             raise AssertionError("a mesh would be baked")
+
+        def part(self, name: str) -> MovingObject:
+            return Ball().part(name)
 
     blind = type(context())(Deaf(), context().body)
     for name, examples in EXAMPLES.items():

@@ -86,12 +86,15 @@ def test_a_table_changes_some_of_it() -> None:
 
 
 def test_a_walk_keeps_further_from_where_things_move() -> None:
-    def margin(**more: Any) -> float:
-        (term,) = (t for t in task(scene={"objects": [THING]}, **more).avoided if t.goal == "sdf_penetration")
+    moves = {**THING, "times": [0.0, 1.0], "positions": [THING["positions"][0], [3.0, 0.0, 0.0]]}
+
+    def margin(thing: dict[str, Any] = moves, **more: Any) -> float:
+        (term,) = (t for t in task(scene={"objects": [thing]}, **more).avoided if t.goal == "sdf_penetration")
         return float(term.parameters["margin"])
 
     assert margin(walk=WALK) == margin(goals=[PATH]) == PASSING > AVOID["margin"] == margin()
     assert margin(walk=WALK, avoid={"margin": 0.01}) == 0.01
+    assert margin(THING, walk=WALK) == AVOID["margin"], "what rests is passed as furniture is"
 
 
 def test_defaults_are_goals_like_others_and_survive_a_dump() -> None:

@@ -80,7 +80,22 @@ def walk(
     if how != "forwards":
         terms += _turned(path, offset, (begin, lasts))
     then = state.at(path[-1], last + offset)
-    return Act(_told(how, offset, way, begin, path), lasts, then, tuple(terms), path)
+    goes = _goes(how, offset, path, height is not None and height < world.body.height)
+    return Act(_told(goes, way, begin), lasts, then, tuple(terms), path)
+
+
+@action()
+def climb(world: World, state: State, *, to: Place, seconds: Seconds | None = None) -> Act:
+    """Walk up or down steps to a place.
+
+    Args:
+        to: where the pelvis shall be in the end, world m; [x, y, z] says which storey.
+        seconds: how long, s; by default what the way takes.
+    """
+    way: Act = walk(world, state, to=to, seconds=seconds)
+    if way.path is None or not len(climbs(way.path, STEP)):
+        raise UserError("the way there takes no steps; use 'walk'")
+    return way
 
 
 def _briefer(term: Term, frame: float) -> Term:
@@ -128,14 +143,17 @@ def _turned(path: np.ndarray, offset: float, window: tuple[float, float]) -> lis
     return [facing(straight + offset, window, within=30.0, weight=0.3)]
 
 
-def _told(how: Way, offset: float, way: float, begin: float, path: np.ndarray) -> tuple[Prompt, ...]:
-    """Turning, where the way begins in another direction, and going."""
+def _goes(how: Way, offset: float, path: np.ndarray, low: bool) -> str:
+    """What is said of the way."""
     if how == "backwards":
-        goes = "walks backwards"
-    elif how == "sideways":
-        goes = f"steps sideways to the {side(-offset)}"
-    else:
-        goes = _climbed(path) or "walks forward"
+        return "walks backwards"
+    if how == "sideways":
+        return f"steps sideways to the {side(-offset)}"
+    return _climbed(path) or ("walks forward and ducks" if low else "walks forward")
+
+
+def _told(goes: str, way: float, begin: float) -> tuple[Prompt, ...]:
+    """Turning, where the way begins in another direction, and going."""
     if begin == 0.0:
         return (Prompt(f"a person {goes}."),)
     turns = "turns around" if abs(way) > FULL else f"turns to the {side(way)}"
