@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from torch import Tensor
 
 from scenectl.bench.control.scripts import SENTENCES, WAVES, Drawn, Room, Scripts, asked
 from scenectl.bench.engine import ENGINE, Engine, Result, Row
@@ -27,6 +29,8 @@ from scenectl.pipeline.run import run
 from scenectl.tasks.actions.registry import actions
 from scenectl.tasks.actions.script import Stretch
 from scenes.errors import UserError
+from scenes.motion.bones import standing_pose
+from scenes.motion.headings import heading, turned
 from scenes.motion.motion import Motion
 from scenes.world.scene import bundled_names
 
@@ -54,7 +58,7 @@ def bench_actions(
     An action succeeds that is done, believable and in order:
 
     - done: all its goals are met, each in its window of the action's time; `wave` and `act`, of which goals say little,
-      are also to be found by the classifier somewhere in the motion.
+      are also to be found by the classifier somewhere in the motion (`on_standing_legs` where somebody sits).
     - believable: the judge finds no fault with the action's time and `SEAM` to both sides of it.
     - in order: what the classifier finds lies within the action's own time, but for a seam. Goals have no other time
       than that, so that of the other kinds whatever is done is in order.
@@ -187,10 +191,25 @@ class _Looked:
         return self.judge.verdict(cut, Depths(**{name: values[some] for name, values in vars(self.depths).items()}))
 
     def _seen(self, one: Stretch) -> list[Seen]:
-        """What the classifier sees all along the motion, over the ground on which the action begins."""
+        """What the classifier sees all along the motion, over the ground on which the action begins.
+
+        It has learnt no gesture of people who sit, and takes each for sitting: it sees these on standing legs.
+        """
+        if one.before.posture == "sitting":
+            return look(joints_to_features(on_standing_legs(self.motion)), self.classifier)
         ground = one.before.place[1] + self.drawn.setup.body.sole_offset
         joints = self.motion.joints - self.motion.joints.new_tensor([0.0, ground, 0.0])
         return look(joints_to_features(joints), self.classifier)
+
+
+def on_standing_legs(motion: Motion) -> Float[Tensor, "T J 3"]:
+    """Joints (m) of one motion ``[T, J, 3]`` with straight legs under the same trunk, standing on the ground at 0."""
+    pose, names = standing_pose(motion.skeleton).to(motion.joints), motion.skeleton.names
+    legs = [i for i, name in enumerate(names) if name.endswith(("_hip", "_knee", "_ankle", "_foot"))]
+    joints = motion.joints.clone()
+    joints[..., 1] += pose[0, 1] - pose[:, 1].min() - joints[:, :1, 1]
+    joints[:, legs] = joints[:, :1] + turned(pose[legs] - pose[0], heading(motion, ("hip",))[:, None])
+    return joints
 
 
 def _about(one: Stretch, table: Mapping[str, Any]) -> Row:

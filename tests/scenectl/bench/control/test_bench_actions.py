@@ -16,7 +16,7 @@ import trimesh
 from torch import Tensor
 
 from scenectl.bench.control import actions as bench
-from scenectl.bench.control.actions import _criteria, _Looked, _summary, bench_actions
+from scenectl.bench.control.actions import _criteria, _Looked, _summary, bench_actions, on_standing_legs
 from scenectl.bench.control.scripts import DRAWS, SENTENCES, WAVES, Drawn, Room, Scripts, asked, reason
 from scenectl.bench.engine import Engine
 from scenectl.bench.models.sentences import Seen
@@ -29,6 +29,7 @@ from scenectl.tasks.schema import Start
 from scenectl.tasks.setup import Setup
 from scenectl.tasks.task import Task
 from scenes.errors import UserError
+from scenes.motion.headings import turned
 from scenes.motion.motion import Motion
 from tests.scenectl.tiny import TinyGenerator, statue
 
@@ -239,6 +240,30 @@ def test_a_wave_is_done_where_it_is_found_and_in_order_in_its_time(
     assert (wave["done"], wave["in_order"]) == (found, timely)
     assert wave["missed"] == ([] if found else ["not recognised"]) and wave["success"] <= (found and timely)
     assert wave["by_chance"] == pytest.approx(0.1 if kind == "bandai: bow" else 0.0)
+
+
+def test_a_trunk_on_standing_legs_is_that_of_who_sits() -> None:
+    upright = statue()
+    sits = upright.clone()
+    legs = [1, 2, 4, 5, 7, 8, 10, 11]
+    sits[legs[2:], 1] += 0.4  # thighs are level
+    sits[legs[2:], 2] += 0.4
+    sits += torch.tensor([2.0, -0.3, 1.0])
+    for angle in (0.0, 2.0):
+        seen = on_standing_legs(Motion(turned(sits, torch.tensor(angle))[None], fps=20.0))[0]
+        wanted = turned(upright + torch.tensor([2.0, 0.0, 1.0]), torch.tensor(angle))
+        assert torch.allclose(seen, wanted, atol=1e-5)
+
+
+def test_who_waves_on_a_seat_is_seen_on_standing_legs(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = list[float]()
+    monkeypatch.setattr(bench, "joints_to_features", lambda joints: seen.append(float(joints[..., 0, 1].max())))
+    monkeypatch.setattr(bench, "look", lambda *_: [])
+    one = planned(room, {"do": "sit", "on": "chair"}, {"do": "wave", "hand": "left"}, {"do": "stand_up"})
+    made = stood(one.task, one.setup)
+    made = replace(made, motion=replace(made.motion, joints=made.motion.joints - torch.tensor([0.0, 0.4, 0.0])))
+    assert not _Looked.at(made, one, Says(KINDS[0])).rows()[1]["done"]
+    assert seen == [pytest.approx(float(statue()[0, 1]), abs=1e-4)]  # as high as who stands, and not as who sits
 
 
 def test_faults_are_those_of_the_action_in_whose_time_they_are(room: Room) -> None:
