@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import types
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -150,9 +151,22 @@ def parse(where: str, hint: Any, value: Any, folder: Path | None = None) -> Any:
     """Convert `value` to the annotated type; raises UserError with one sentence that starts with `where`."""
     value = _plain(value)
     try:
-        return TypeAdapter(Annotated[hint, Strict()]).validate_python(value, context={"folder": folder})
+        return _adapter(hint).validate_python(value, context={"folder": folder})
     except ValidationError as error:
         raise UserError(f"{where}{_sentence(error, hint, value)}") from error
+
+
+def _adapter(hint: Any) -> TypeAdapter[Any]:
+    """What converts to a type; made once for each, as making one takes longer than all else of a task's terms."""
+    try:
+        return _adapters(hint)
+    except TypeError:  # an annotation that cannot be hashed
+        return TypeAdapter(Annotated[hint, Strict()])
+
+
+@cache
+def _adapters(hint: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(Annotated[hint, Strict()])
 
 
 def _plain(value: Any) -> Any:

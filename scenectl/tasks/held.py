@@ -18,6 +18,8 @@ from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene
 
 GOAL = "hold"
+APART = 0.5
+"""Seconds between goals of one thing from which on it would be held twice."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,8 @@ def holds(terms: Iterable[Term], seconds: float) -> list[Hold]:
     for several in found.values():
         ordered = sorted(several, key=lambda term: _span(term, seconds))
         spans = [_span(term, seconds) for term in ordered]
+        if any(then > max(end for _, end in spans[: k + 1]) + APART for k, (then, _) in enumerate(spans[1:])):
+            raise UserError(f"{ordered[0].label}: a thing is held once; let no time pass between its goals")
         made.append(Hold(tuple(ordered), spans[0][0], max(end for _, end in spans)))
     return made
 

@@ -24,7 +24,9 @@ from scenectl.tasks.task import Task
 from scenectl.tasks.walk import room_of
 from scenes.body.body import DEFAULT_BODY
 from scenes.errors import UserError
+from scenes.mesh.primitives import Box
 from scenes.world.floor.planning import FreeArea
+from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.named import named_scene
 from scenes.world.scene import Scene
 from scenes.world.seats import find_seat
@@ -49,6 +51,12 @@ STAYS = 0.5
 """Share of actions after which somebody who sits does something on the seat, where they could also get up."""
 TRIES = 40
 """Draws after which a thing that is looked for counts as not there, and a scene as too small."""
+
+SIZE = (0.24, 0.18, 0.18)
+"""Of the parcel that is carried, m; ours."""
+SHELVES = (0.55, 1.1)
+"""Heights (m) over the ground of what it stands on: tables and shelves, not seats."""
+PARCEL = "parcel"
 
 WAVES = {
     "left": ("bandai: wave-left-hand", "bandai: bye", "bandai: byebye"),
@@ -84,6 +92,7 @@ class Room:
         scorer: of the scene.
         sentences: that `act` may be told.
         hands: that may wave.
+        shelves: places (m) on which the parcel can stand; it stands on the first.
     """
 
     scene: Scene
@@ -91,6 +100,7 @@ class Room:
     scorer: Scorer
     sentences: tuple[str, ...]
     hands: tuple[str, ...]
+    shelves: tuple[list[float], ...] = ()
 
     @classmethod
     def of(cls, scene: str, spec: Spec, known: Collection[str]) -> Room:
@@ -98,7 +108,10 @@ class Room:
         found = named_scene(scene)
         sentences = tuple(text for text, kinds in SENTENCES.items() if set(kinds) & set(known))
         hands = tuple(hand for hand, kinds in WAVES.items() if set(kinds) & set(known))
-        return cls(found, World(found, DEFAULT_BODY, spec), Scorer(found), sentences, hands)
+        world = World(found, DEFAULT_BODY, spec)
+        shelves = tuple(_shelves(found, world.area(*room_of(DEFAULT_BODY))))
+        found = found.with_objects([*found.objects, *map(_parcel, shelves[:1])])
+        return cls(found, World(found, DEFAULT_BODY, spec), Scorer(found), sentences, hands, shelves)
 
     @property
     def area(self) -> FreeArea:
@@ -135,6 +148,31 @@ class Room:
             place = _plain([x, levels.heights[i, j, k], z])
             if self._seat(place):
                 yield place
+
+
+def _parcel(place: Sequence[float]) -> MovingObject:
+    """The parcel, on a place (m)."""
+    x, y, z = place
+    way = Trajectory((0.0,), ((x, y + SIZE[1] / 2 + 0.005, z),))
+    return MovingObject(Box((0.0, 0.0, 0.0), SIZE), way, PARCEL)
+
+
+def _shelves(scene: Scene, area: FreeArea) -> Iterator[list[float]]:
+    """Level places of the size of the parcel with room over them, beside which somebody can stand."""
+    levels, half = scene.levels, max(SIZE) / 2
+    over = levels.heights - scene.floor.height
+    cells = np.argwhere((over >= SHELVES[0]) & (over <= SHELVES[1]))
+    corners = half * np.array([[a, 0.0, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
+    around = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    for i, j, k in np.random.default_rng(0).permutation(cells):
+        x, z = np.array([i, j]) * levels.cell + levels.origin
+        place = np.array([x, levels.heights[i, j, k], z])
+        below, above = place + corners - [0.0, CLEAR / 4, 0.0], place + corners + [0.0, CLEAR + half, 0.0]
+        near = scene.distance(torch.from_numpy(np.concatenate([below, above])), torch.zeros(18, dtype=torch.float64))
+        stands = (_plain([x + 0.55 * np.sin(a), scene.floor.height, z + 0.55 * np.cos(a)]) for a in around)
+        fits = bool((near[:9] < CLEAR / 4).all() and (near[9:] > CLEAR).all())
+        if fits and any(area.free((a, b, c)) for a, b, c in stands):
+            yield _plain(place)
 
 
 Draw: TypeAlias = Callable[[Room, State, np.random.Generator], Parameters | None]
@@ -198,6 +236,19 @@ def _act(room: Room, state: State, rng: np.random.Generator) -> Parameters | Non
     return {"prompt": said, "seconds": 3.0}
 
 
+def _pick_up(room: Room, state: State, rng: np.random.Generator) -> Parameters | None:
+    free = room.shelves and not state.holds and PARCEL not in state.put
+    return {"what": PARCEL, "hand": "both"} if free else None
+
+
+def _carry(room: Room, state: State, rng: np.random.Generator) -> Parameters | None:
+    return _walk(room, state, rng) if state.holds else None
+
+
+def _put_down(room: Room, state: State, rng: np.random.Generator) -> Parameters | None:
+    return {"to": room.shelves[rng.integers(len(room.shelves))]} if state.holds else None
+
+
 DRAWS: dict[str, Draw] = {
     "walk": _walk,
     "turn": _turn,
@@ -209,8 +260,15 @@ DRAWS: dict[str, Draw] = {
     "wave": _wave,
     "duck": _duck,
     "act": _act,
+    "pick_up": _pick_up,
+    "carry": _carry,
+    "put_down": _put_down,
 }
 """How parameters of each kind of action are drawn; one that is registered and not here is left out, and said so."""
+
+
+WITH_HANDS_FULL = ("carry", "put_down", "turn", "stand")
+"""What somebody does who holds something."""
 
 
 def _ahead(
@@ -255,8 +313,8 @@ class Scripts:
     """Draws scripts, one after the other.
 
     Each next action is of the kind that was drawn least often so far, among those that somebody can do in the posture
-    in which the one before leaves them; who sits down gets up before the script ends, so that both come equally often,
-    and does something on the seat before that as often as not.
+    in which the one before leaves them. Who sits down gets up before the script ends, and who takes something puts it
+    down, so that both come equally often; who sits does something on the seat before that as often as not.
     What the planner refuses is a script that is rejected, and another action is drawn in its place.
 
     Attributes:
@@ -320,6 +378,8 @@ class Scripts:
         for kind in sorted(mixed, key=lambda kind: (stays and get_action(kind).posture is not None, counts[kind])):
             if get_action(kind).posture not in (None, state.posture):
                 continue
+            if state.holds and kind not in WITH_HANDS_FULL:
+                continue
             given = DRAWS[kind](room, state, self.rng)
             if given is None:
                 continue
@@ -329,7 +389,7 @@ class Scripts:
             except UserError as error:
                 self.rejected[reason(kind, error)] += 1
                 continue
-            if not last or act.then.posture == "standing":
+            if not last or (act.then.posture == "standing" and not act.then.holds):
                 return table, act
         return None
 

@@ -54,6 +54,7 @@ class State:
         touches: joints whose part of the body touches the scene meanwhile.
         feet: where the feet stand of somebody who sits: a place on the ground where they can stand up to.
         holds: goals that hold until what is in the hands is put down.
+        put: names of what was put down, which a script takes once.
     """
 
     place: Place
@@ -63,6 +64,7 @@ class State:
     touches: tuple[str, ...] = ()
     feet: Place | None = None
     holds: tuple[Term, ...] = ()
+    put: tuple[str, ...] = ()
 
     @property
     def held(self) -> str:
@@ -72,7 +74,7 @@ class State:
     def at(self, place: Sequence[float] | np.ndarray, heading: float) -> State:
         """Standing elsewhere."""
         x, y, z = (float(value) for value in place)
-        return State((x, y, z), turn(heading), holds=self.holds)
+        return State((x, y, z), turn(heading), holds=self.holds, put=self.put)
 
     def facing(self, heading: float) -> State:
         """The same, turned."""

@@ -82,7 +82,7 @@ def stand_up(world: World, state: State, *, seconds: Seconds = UP) -> Act:
     leaves, tall = _on_the_way(state.keeps, (LEAVING, 0.8 * seconds)), upright(world, state.feet[1], end)
     terms = (*still, *leaves, target, tall, facing(state.heading, end))
     touches = dict.fromkeys(THIGHS, (0.0, 0.8 * seconds))
-    then = State(state.feet, state.heading, holds=state.holds)
+    then = state.at(state.feet, state.heading)
     return Act("a person stands up from a chair.", seconds, then, terms, None, touches)
 
 

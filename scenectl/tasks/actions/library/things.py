@@ -58,6 +58,8 @@ def pick_up(world: World, state: State, *, what: str, hand: Hand = "right", seco
     """
     if state.holds:
         raise UserError(f"the hands hold '{state.held}' already; put it down first")
+    if what in state.put:
+        raise UserError(f"'{what}' was put down before, and a script takes a thing once; end the script there")
     rest = _rest(world, what, hand, state)
     way, here = _beside(world, state, (float(rest[0]), float(rest[1]), float(rest[2])))
     wanted = here.towards(float(rest[0]), float(rest[2]))
@@ -124,7 +126,7 @@ def put_down(
         facing(wanted, (left - 0.1, left + 0.1)), replace(state.holds[0], window=(0.0, left)), puts,
         upright(world, here.place[1], (lasts - 0.2, lasts)),
     )  # fmt: skip
-    then = replace(here.facing(wanted), holds=())
+    then = replace(here.facing(wanted), holds=(), put=(*state.put, state.held))
     return Act(told, lasts, then, terms, None if way is None else way.path, _hands(hand, (begin, lasts)))
 
 
