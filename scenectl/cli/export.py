@@ -60,7 +60,7 @@ def export(
     check(settings, output)
     made = motion_read(motion, from_fps, from_unit, from_up)
     made = made if every else one_of(made, sample or 0, motion)
-    room_of = scene_of(motion, room) if scene or room is not None else None
+    room_of = scene_of(motion, room, sample or 0) if scene or room is not None else None
     if room is not None and room_of is not None:  # a result's own was doubted when it was made
         doubt(room_of.doubts_so_far)
     show_exported(write(made, output, settings, scene=room_of))

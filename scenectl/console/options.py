@@ -73,8 +73,11 @@ def is_result(motion: Path) -> bool:
     return (motion / "report.json").is_file()
 
 
-def scene_of(motion: Path, room: str | None) -> Scene:
-    """The scene in a file or of a name, or else that of a result's report; raises UserError where there is none."""
+def scene_of(motion: Path, room: str | None, sample: int = 0) -> Scene:
+    """The scene in a file or of a name, or else that of a result's report, with what one of its motions holds.
+
+    Raises UserError where there is none.
+    """
     from scenectl.pipeline.results import load_result, task_of
     from scenes.world.named import named_scene
 
@@ -82,7 +85,8 @@ def scene_of(motion: Path, room: str | None) -> Scene:
         return named_scene(room)
     if not is_result(motion):
         raise UserError(f"'{motion}' is no result whose report tells of a scene; give its file, as in --scene room.glb")
-    return task_of(load_result(motion)[1]).load_scene()
+    made, report = load_result(motion)
+    return task_of(report).scene_of(made[sample] if made.joints.ndim == 4 else made)
 
 
 def allow(path: Path | None) -> None:

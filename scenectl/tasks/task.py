@@ -10,12 +10,13 @@ from pathlib import Path
 from pydantic import PrivateAttr, ValidationError
 
 from scenectl.generators.spec import Spec
+from scenectl.tasks.held import GOAL
 from scenectl.tasks.schema import GeneratorSpec, Start, TaskTable, known_keys
-from scenectl.tasks.setup import Setup, plan
+from scenectl.tasks.setup import Setup, plan, start_of
 from scenes.errors import UserError, did_you_mean
 from scenes.files import read_toml
 from scenes.motion.frames import HOME, Place, back, origin_near
-from scenes.motion.motion import Pose2D
+from scenes.motion.motion import Motion, Pose2D
 from scenes.validation import sentence
 from scenes.world.scene import Scene
 
@@ -53,6 +54,14 @@ class Task(TaskTable):
                 return plan(self, seed, start, scene, spec)
             start = None if start is None else start.moved(back(origin))
             return replace(plan(self.seen_from(origin), seed, start, scene.seen_from(origin), spec), task=self)
+
+    def scene_of(self, motion: Motion) -> Scene:
+        """Its scene with the things that a finished motion ``[T, J, 3]``, world m, holds in its hands; in the world."""
+        scene = self.load_scene()
+        if not (self.actions or any(term.goal == GOAL for term in self.terms)):
+            return scene
+        setup = self.build(start=start_of(motion, self.load_body()), scene=scene)
+        return setup.scene_of(motion.seen_from(setup.origin)).seen_from(HOME)
 
     def origin(self, scene: Scene, start: Pose2D | None = None) -> Place:
         """Where the frame begins (m, world) that a scene is computed in: near it, or on bare floor near the start."""

@@ -52,6 +52,7 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     from objectives import Objective
     from scenectl.data.formats.motions import one_of
     from scenectl.pipeline.results import load_result, task_of
+    from scenectl.tasks.held import with_held
     from scenectl.tasks.setup import start_of
     from scenectl.tasks.walk import walk_terms
 
@@ -68,6 +69,7 @@ def of_folder(folder: str | Path, sample: int = 0) -> Picture:
     seconds, walk = float(report["seconds"]), task.walk
     terms = () if walk is None or path is None else walk_terms(walk, path, seconds, motion.fps, task.terms, body)
     goals = Objective((*terms, *task.terms, *task.avoided))
+    scene = with_held(scene, goals.counted, one)
     return _judged(Picture(scene, one, path, goals, str(task.prompts), body), report["samples"][sample])
 
 
