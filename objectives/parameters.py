@@ -156,7 +156,7 @@ def parse(where: str, hint: Any, value: Any, folder: Path | None = None) -> Any:
         raise UserError(f"{where}{_sentence(error, hint, value)}") from error
 
 
-def _adapter(hint: Any) -> TypeAdapter[Any]:
+def _adapter(hint: Any) -> Any:
     """What converts to a type; made once for each, as making one takes longer than all else of a task's terms."""
     try:
         return _adapters(hint)
@@ -165,7 +165,7 @@ def _adapter(hint: Any) -> TypeAdapter[Any]:
 
 
 @cache
-def _adapters(hint: Any) -> TypeAdapter[Any]:
+def _adapters(hint: Any) -> Any:
     return TypeAdapter(Annotated[hint, Strict()])
 
 

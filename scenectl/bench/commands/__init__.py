@@ -7,10 +7,10 @@ import typer
 from scenectl.console.lazy import group
 
 BENCHES = (
-    "rooms", "actions", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen", "tokenizer", "bake",
-    "edit", "query", "building", "posterior", "generator", "sentences", "idle", "ablations", "gallery", "startup",
-    "threads", "prices", "thresholds", "limits", "verdict", "memory", "skeletons", "rotations", "characters", "plants",
-    "robots", "data",
+    "rooms", "actions", "patrol", "keyframes", "facing", "pose_goals", "control", "implausible", "progmogen",
+    "tokenizer", "bake", "edit", "query", "building", "posterior", "generator", "sentences", "idle", "ablations",
+    "gallery", "startup", "threads", "prices", "thresholds", "limits", "verdict", "memory", "skeletons", "rotations",
+    "characters", "plants", "robots", "data",
 )  # fmt: skip
 
 app = typer.Typer(

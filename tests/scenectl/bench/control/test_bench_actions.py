@@ -108,7 +108,9 @@ def test_kinds_come_equally_often(many: tuple[Scripts, list[Drawn]]) -> None:
     drawer, made = many
     kinds = [kind for one in made for kind in one.kinds]
     assert {kind: kinds.count(kind) for kind in DRAWS} == dict(drawer.counts)
-    assert set(drawer.counts) == set(DRAWS) and np.ptp(list(drawer.counts.values())) <= 2
+    counts = dict(drawer.counts)
+    carried = counts.pop("carry")  # by those alone who hold something
+    assert set(drawer.counts) == set(DRAWS) and carried > 0 and np.ptp(list(counts.values())) <= 2, counts
     assert {len(one.tables) for one in made} == {2, 3, 4, 5}
 
 
@@ -133,7 +135,8 @@ def test_who_sits_does_what_one_can_do_on_a_seat_and_gets_up(many: tuple[Scripts
         for part in script.stretches:
             assert part.entry.spec.posture in (None, part.before.posture)
             seated |= {part.entry.spec.name} if part.before.posture == "sitting" else set()
-        assert script.stretches[-1].act.then.posture == "standing"
+        last = script.stretches[-1].act.then
+        assert last.posture == "standing" and not last.holds
     assert {"stand_up"} < seated  # something is done on the seat, too
 
 
@@ -212,7 +215,7 @@ def test_what_no_classifier_knows_is_not_asked(file: Path) -> None:
     deaf = Room.of(str(file), SPEC, ["bandai: bow", "bandai: wave-both-hands"])
     assert deaf.sentences == ("a person bows.",) and deaf.hands == ("both",)
     none = Room.of(str(file), SPEC, [])
-    assert set(Scripts(np.random.default_rng(0), SPEC).left_out()) == set(DRAWS)
+    assert set(Scripts(np.random.default_rng(0), SPEC).left_out()) == {spec.name for spec in actions()}
     assert not {"wave", "act"} & {kind for one in drawn(none, 3)[1] for kind in one.kinds}
 
 
@@ -314,7 +317,7 @@ def test_the_bench_keeps_rows_for_every_action_and_draws_what_fails(
     assert summary["scripts"] == 3 and sum(summary["actions"].values()) == len(rows)
     failing = sorted({r["script"] for r in rows if not r["success"]})
     assert [png.name for png in drawn] == [f"script_{i:03d}.png" for i in failing] and failing
-    assert {r["scene"] for r in rows} == {"home"} and "no such action" in summary["not_drawn"].values()
+    assert {r["scene"] for r in rows} == {"home"} and summary["not_drawn"]["lean"]
     monkeypatch.setattr(bench, "run", None)  # rows that were kept are not measured again
     assert bench_actions(Several(), Says("hop"), [file], 3, 0, 1, None, engine) == result
 
