@@ -27,15 +27,5 @@ def patrol(
         lambda maker, engine: bench_patrol(maker, scene, minutes, seed, samples, engine),
         weights, threads, generator, json_file,
     )  # fmt: skip
-    columns = (
-        "seconds",
-        "good",
-        "missed_m",
-        "deepest_m",
-        "gap_m",
-        "seam_ratio",
-        "generate_s",
-        "resident_mb",
-        "verdict",
-    )
+    told = ("seconds", "good", "missed_m", "deepest_m", "gap_m", "seam_ratio", "generate_s", "resident_mb", "verdict")
     shown(result, json_file, told)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 import torch
@@ -61,13 +62,16 @@ def _legs(generator: Generator, room: Room, seconds: float, seed: int, samples: 
         engine.progress(f"{number} s of {seconds:g}", done / seconds)
         to = _next(room, here, rng)
         task = Task(actions=({"do": "walk", "to": list(to), "radius": RADIUS},), scene=room.scene, start=list(here))
-        given = {"samples": samples, "seed": seed + number, "generator": generator, "scorer": room.scorer}
+        given: dict[str, Any] = {
+            "samples": samples, "seed": seed + number, "generator": generator, "scorer": room.scorer,
+        }  # fmt: skip
         if before is not None:
             task = task.model_copy(update={"start": None})
         made = run(task, **given) if before is None else before.then(task, **given)
         yield _row(made, before, to)
         before, done = made, done + made.motion.seconds
-        here = tuple(made.motion.joint("pelvis")[0, -1, [0, 2]].tolist())
+        x, z = made.motion.joint("pelvis")[0, -1, [0, 2]].tolist()
+        here = (float(x), float(z))
         gc.collect()
 
 

@@ -9,7 +9,10 @@ from pathlib import Path
 from scenectl.bench.engine import ENGINE, Engine, Row
 from scenectl.generators.base import Generator
 from scenectl.generators.prompts import Prompt, Prompts
-from scenectl.measures.metrics import max_acceleration, skating_ratio, travelled
+from scenectl.measures.metrics import Scorer, max_acceleration, skating_ratio, travelled
+from scenectl.pipeline.run import run
+from scenectl.tasks.task import load_task
+from scenectl.view import of_result
 from scenectl.view.strips import draw_strips
 from scenes.files import atomic_write
 from scenes.motion.motion import Motion, Pose2D
@@ -50,6 +53,9 @@ TIMELINE = Prompts(
 )
 """Sentences with their times, for generators that take several."""
 
+SMALL = (1120, 700)
+"""Pixels of a picture on a page of tasks."""
+
 
 def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, engine: Engine = ENGINE) -> Path:
     """Write a picture for each prompt and `README.md` with the figures of every sample; returns the page.
@@ -78,6 +84,68 @@ def draw_gallery(generator: Generator, folder: Path, samples: int, seed: int, en
     with atomic_write(page, "w") as file:
         file.write("\n".join(_page(result["rows"], samples, seed)))
     return page
+
+
+def draw_tasks(
+    generator: Generator, tasks: Sequence[Path], folder: Path, samples: int, seed: int, engine: Engine = ENGINE
+) -> Path:
+    """Write a picture of what each task file comes to, its best sample, and `README.md`; returns the page.
+
+    Args:
+        generator: instead of those that the tasks name.
+        tasks: files.
+        folder, samples, seed, engine: as `draw_gallery` takes them.
+
+    Raises:
+        UserError: a task that cannot be read or planned.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    scorers: dict[str, Scorer] = {}
+
+    def drawn(file: Path) -> list[Row]:
+        task = load_task(file)
+        setup = task.build(seed, spec=generator.spec)
+        scorer = scorers.setdefault(setup.scene.digest, Scorer(setup.scene, setup.body))
+        result = run(task, samples, seed, generator=generator, setup=setup, scorer=scorer)
+        of_result(result).draw(folder / f"{file.stem}.png", size=SMALL)
+        first = result.samples[0]
+        return [
+            {
+                "task": file.name, "says": _says(file), "seconds": result.motion.seconds,
+                "good": sum(row.good for row in result.samples), "samples": samples,
+                "verdict": first.verdict.sentence, "missed": [term.name for term in first.terms if not term.met],
+                "generate_s": result.report["timing"]["generate_s"],
+            }
+        ]  # fmt: skip
+
+    settings = {"bench": "gallery of tasks", "samples": samples, "seed": seed}
+    rows = engine.run([(file.name, file) for file in tasks], drawn, lambda rows: {}, settings)["rows"]
+    page = folder / "README.md"
+    with atomic_write(page, "w") as file:
+        file.write("\n".join(_page_of_tasks(rows, samples, seed)))
+    return page
+
+
+def _says(file: Path) -> str:
+    """What a task's file says about it in its first line."""
+    first = file.read_text(encoding="utf-8").partition("\n")[0]
+    return first.removeprefix("#").strip() if first.startswith("#") else file.stem
+
+
+def _page_of_tasks(rows: Sequence[Row], samples: int, seed: int) -> list[str]:
+    lines = [
+        f"# {len(rows)} tasks, {samples} samples each, the best of them drawn", "", f"Seed {seed}.", "",
+        "| task | met and believable | motion | made in | the best one |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for row in rows:
+        fault = "" if not row["missed"] else f"; missed: {', '.join(row['missed'])}"
+        lines.append(
+            f"| [{row['task']}](#{row['task'].replace('.', '')}) | {row['good']} of {row['samples']} "
+            f"| {row['seconds']:.1f} s | {row['generate_s']:.1f} s | {row['verdict']}{fault} |"
+        )
+    for row in rows:
+        lines += ["", f"## {row['task']}", "", row["says"], "", f"![{row['task']}]({Path(row['task']).stem}.png)"]
+    return [*lines, ""]
 
 
 def _title(prompts: Prompts) -> str:
