@@ -185,7 +185,8 @@ class Editor(Protocol):
     ) -> Draft:
         """Motions in the frame and on the clock of the one given, ``[samples, T, J, 3]``, made anew where asked.
 
-        What `motion` holds there is of no account. Raises UserError for a motion it cannot edit.
+        What `motion` holds there is of no account; it is ``[T, J, 3]``, or one for each sample. Raises UserError for a
+        motion it cannot edit.
         """
         ...
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -156,6 +157,16 @@ class DecodedStep:
         return torch.stack(rows)
 
 
+@runtime_checkable
+class Sampled(Protocol):
+    """What differs between samples, and can be had of some."""
+
+    def __call__(self, features: Tensor) -> Motion: ...
+
+    def take(self, samples: Int[Tensor, " s"]) -> Callable[[Tensor], Motion]:
+        """The same of some samples."""
+
+
 @dataclass(frozen=True)
 class LatentStep:
     """A `Step` whose value leads to a latent by an affine map, and through a piecewise linear decoder to joints.
@@ -165,7 +176,8 @@ class LatentStep:
         decoder: piecewise linear, from latents ``[S, d, L]`` to normalised features ``[S, c, T]``.
         scale, offset: of the first n features, those that `place` reads, ``[n]``.
         latent: affine map from values to latents.
-        place: motion in the world, of features ``[S, T, n]``.
+        place: motion in the world, of features ``[S, T, n]``; with a `take`, as steps have, where it differs
+            between samples.
         rough: precision of many gradients at once, which solvers use as a model only; by default the value's own.
         price, unit: see `Step`.
         records: of the affine map, by the number of gradients of all samples and whether they are rough;
@@ -190,7 +202,8 @@ class LatentStep:
         return replace(self, value=value)
 
     def take(self, samples: Int[Tensor, " s"]) -> LatentStep:
-        return self.at(self.value[samples])
+        place = self.place.take(samples) if isinstance(self.place, Sampled) else self.place
+        return replace(self, value=self.value[samples], place=place)
 
     @cached_property
     @torch.no_grad()

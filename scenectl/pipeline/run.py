@@ -15,7 +15,8 @@ from scenectl.generators import load_generator, registry
 from scenectl.generators.base import EditingGenerator, Generator, Progress, silent
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.generation import Made, make
-from scenectl.pipeline.going_on import Lead, on_clock
+from scenectl.pipeline.going_on import on_clock, unpadded
+from scenectl.pipeline.parts import CONTEXT
 from scenectl.pipeline.rank import ranked
 from scenectl.pipeline.report import report_of
 from scenectl.pipeline.results import Drawer, Result, plain_json
@@ -148,8 +149,8 @@ def _generated(
 def _before(after: Motion, setup: Setup, generator: Generator) -> Motion:
     """The last frames of a motion as a setup sees them, on its body's bones and the generator's clock, up to 0 s."""
     seen = on_clock(after, generator.spec.fps).seen_from(setup.origin)
-    last = Lead.of(seen, 0).motion
-    return rigid(replace(last, t0=-last.frames / last.fps), setup.body.skeleton)
+    last = unpadded(seen, seen.joints[-CONTEXT:], t0=-min(CONTEXT, seen.frames) / seen.fps)
+    return rigid(last, setup.body.skeleton)
 
 
 def _refinement(found: Solution | None) -> dict[str, Any] | None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
+from torch import Tensor
 
 from scenes.motion.motion import Motion
 
@@ -22,25 +24,32 @@ def settled(original: Motion, made: Motion, regenerate: Bool[Tensor, " T"], fram
     anew, to nothing before the next seam (inertialisation, as in games).
 
     Args:
-        original: ``[T, J, 3]``.
-        made: ``[S, T, J, 3]``.
+        original: ``[T, J, 3]``, or one for each of those made.
+        made: ``[*b, T, J, 3]``.
         regenerate: which frames of `made` count.
         frames: over which a jump dies away, where there are as many.
     """
     offset = original.joints - made.joints
-    total = torch.where(regenerate[:, None, None], 0.0, offset)
-    for seam, toward, room in _seams(regenerate):
+    carried = _carrying(tuple(regenerate.tolist()), frames).to(offset) @ offset.flatten(-2)
+    return replace(made, joints=made.joints + carried.unflatten(-1, offset.shape[-2:]))
+
+
+@cache
+def _carrying(regenerate: tuple[bool, ...], frames: int) -> Float[Tensor, "T T"]:
+    """How much of the difference at every frame is added at every other: all of it where a motion is kept."""
+    mask = torch.tensor(regenerate)
+    carry = torch.diag((~mask).double())
+    for seam, toward, room in _seams(mask):
         length = min(frames, room)
         past = seam - toward  # the kept frame before last, where there is one
-        inside = 0 <= past < len(regenerate) and not regenerate[past]
-        jump = offset[:, seam]
-        speed = jump - offset[:, past] if inside else torch.zeros_like(jump)
+        inside = 0 <= past < len(mask) and not regenerate[past]
         for i in range(1, length + 1):
             u = i / (length + 1)
-            value = 2 * u**3 - 3 * u**2 + 1
-            slope = (u**3 - 2 * u**2 + u) * (length + 1)
-            total[:, seam + toward * i] += value * jump + slope * speed
-    return replace(made, joints=made.joints + total)
+            value, slope = 2 * u**3 - 3 * u**2 + 1, (u**3 - 2 * u**2 + u) * (length + 1)
+            carry[seam + toward * i, seam] += value + (slope if inside else 0.0)
+            if inside:
+                carry[seam + toward * i, past] -= slope
+    return carry
 
 
 def _seams(regenerate: Bool[Tensor, " T"]) -> list[tuple[int, int, int]]:

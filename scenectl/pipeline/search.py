@@ -8,7 +8,7 @@ search over beginnings, within the number of samples that was asked for.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -109,12 +109,12 @@ class Search:
         passes, solver, trace = 0, "", dict[str, object]()
         for k, (first, end) in enumerate(parts):
             tell = self._telling(k, len(parts))
-            rounds = list(self._onward(begun, k, end - first, tell)) if begun else [(None, self._first(end, tell))]
-            begun = [one for before, made in rounds for one in self._judged(before, made)]
-            found = [made.solution for _, made in rounds if made.solution is not None]
-            passes += sum(one.evaluations for one in found)
-            solver = found[-1].solver if found else solver
-            trace = rounds[-1][1].trace
+            before = self._best(begun) if begun else []
+            made = self._onward(before, k, end - first, tell) if before else self._first(end, tell)
+            begun = list(self._judged(before, made))
+            if made.solution is not None:
+                passes, solver = passes + made.solution.evaluations, made.solution.solver
+            trace = made.trace
         cut = 0 if self.lead is None else self.lead.frames
         motion, unrefined = (
             unpadded(one[0], torch.stack([m.joints[cut:] for m in one]), t0=0.0)
@@ -123,6 +123,13 @@ class Search:
         nothing = motion.joints.new_zeros(len(begun), 0)
         reasons: list[Reason] = [one.reason for one in begun if one.reason is not None]
         return Made(motion, unrefined, Solution(solver, nothing, nothing.sum(1), reasons, passes), trace)
+
+    def _best(self, begun: Sequence[Begun]) -> list[Begun]:
+        """A beginning for each sample to go on from: those with the fewest parts missed, in turn."""
+        least = min(one.missed for one in begun)
+        good = sorted((one for one in begun if one.missed == least), key=lambda one: one.cost)
+        few = good[: math.ceil(SHARE * self.samples)]
+        return [few[k % len(few)] for k in range(self.samples)]
 
     def _first(self, frames: int, tell: Progress) -> Made:
         """The first part, from the start on."""
@@ -134,31 +141,30 @@ class Search:
             seed=self.seed, progress=tell,
         )  # fmt: skip
 
-    def _onward(self, begun: list[Begun], k: int, frames: int, tell: Progress) -> Iterator[tuple[Begun, Made]]:
-        """Part k after each of the best beginnings."""
-        least = min(one.missed for one in begun)
-        good = sorted((one for one in begun if one.missed == least), key=lambda one: one.cost)
-        best = good[: math.ceil(SHARE * self.samples)]
-        for i, one in enumerate(best):
-            count = self.samples // len(best) + (i < self.samples % len(best))
-            seed = int(np.random.SeedSequence([self.seed, k, i]).generate_state(1)[0])
-            yield one, go_on(
-                self.generator, Lead.of(one.motion, frames), self.setup.prompts, self.setup.objective,
-                self.setup.context, solver=self.solver, guidance=self.guidance, samples=count, seed=seed, progress=tell,
-            )  # fmt: skip
+    def _onward(self, before: Sequence[Begun], k: int, frames: int, tell: Progress) -> Made:
+        """Part k after a beginning for each sample."""
+        lead = Lead.of(unpadded(before[0].motion, torch.stack([one.motion.joints for one in before])), frames)
+        seed = int(np.random.SeedSequence([self.seed, k]).generate_state(1)[0])
+        return go_on(
+            self.generator, lead, self.setup.prompts, self.setup.objective, self.setup.context, solver=self.solver,
+            guidance=self.guidance, seed=seed, progress=tell,
+        )  # fmt: skip
 
-    def _judged(self, before: Begun | None, made: Made) -> Iterator[Begun]:
-        """Beginnings with what was made after one, and what that is worth."""
-        lead = None if before is None else Lead.of(before.motion, 0).motion
+    def _judged(self, before: Sequence[Begun], made: Made) -> Iterator[Begun]:
+        """Beginnings with what was made after each, and what that is worth."""
+        drafts = made.motion if made.unrefined is None else made.unrefined
         for i in range(len(made.motion.joints)):
-            new, draft = made.motion[i], (made.motion if made.unrefined is None else made.unrefined)[i]
-            missed, cost = self._worth(new if lead is None else _after(lead, new), 0 if lead is None else lead.frames)
-            reason = None if made.solution is None else made.solution.reasons[i]
-            if before is None:
-                yield Begun(new, draft, missed, cost, reason)
-            else:
-                whole, drafts = _after(before.motion, new), _after(before.unrefined, draft)
-                yield Begun(whole, drafts, before.missed + missed, before.cost + cost, reason)
+            new, draft, reason = made.motion[i], drafts[i], None if made.solution is None else made.solution.reasons[i]
+            if not before:
+                yield Begun(new, draft, *self._worth(new, 0), reason)
+                continue
+            one = before[i]
+            lead = unpadded(
+                one.motion, one.motion.joints[-CONTEXT:], new.t0 - min(CONTEXT, one.motion.frames) / new.fps
+            )
+            missed, cost = self._worth(_after(lead, new), lead.frames)
+            whole, sketch = _after(one.motion, new), _after(one.unrefined, draft)
+            yield Begun(whole, sketch, one.missed + missed, one.cost + cost, reason)
 
     def _worth(self, seen: Motion, first: int) -> tuple[int, float]:
         """Whether goals about a motion ``[T, J, 3]`` from the `first` frame on are missed, or it is not believable;

@@ -61,36 +61,37 @@ class Kept:
     """What an edit keeps of a motion, seen as tokens (MoSa, section IV-D).
 
     Attributes:
-        latent: the encoder's, of the motion with what is to be made anew filled in, ``[1, d, N]``.
+        latent: the encoder's, of the motion with what is to be made anew filled in, ``[S, d, N]``; S is 1, or there is
+            a motion for each sample.
         share: 1 for tokens of which all frames are kept, else 0, ``[1, N]``.
         anchor: a kept frame, at which what is decoded is laid onto the original.
-        pose: the original's joints there, world, ``[22, 3]``.
-        floor: height (m) of the original's lowest joint.
+        pose: the original's joints there, world, ``[S, 22, 3]``.
+        floor: height (m) of the original's lowest joint, ``[S]``.
         t0: time (s) of the original's first frame.
     """
 
-    latent: Float[Tensor, "1 d N"]
+    latent: Float[Tensor, "S d N"]
     share: Float[Tensor, "1 N"]
     anchor: int
-    pose: Float[Tensor, "22 3"]
-    floor: float
+    pose: Float[Tensor, "S 22 3"]
+    floor: Float[Tensor, " S"]
     t0: float = 0.0
 
     @classmethod
     @torch.no_grad()
     def of(cls, tokenizer: Tokenizer, motion: Motion, regenerate: Bool[Tensor, " T"]) -> Kept:
-        """Encode one motion, ``[T, 22, 3]``."""
+        """Encode one motion, ``[T, 22, 3]``, or one for each sample, ``[S, T, 22, 3]``."""
         frames, kept = motion.frames, ~regenerate
-        filled = bridged(motion.joints, regenerate)
+        filled = [bridged(joints, regenerate) for joints in motion.joints.reshape(-1, frames, 22, 3)]
         missing = tokens_for(frames) * DOWNSAMPLING + 1 - frames
-        onward = torch.arange(1, missing + 1, device=filled.device)[:, None, None] * (filled[-1:] - filled[-2:-1])
-        latent = tokenizer.latent(joints_to_features(torch.cat([filled, filled[-1:] + onward]))[None])
+        latent = tokenizer.latent(torch.stack([joints_to_features(_onward(joints, missing)) for joints in filled]))
         padded = torch.cat([kept, kept[-1:].expand(missing - 1)])
         share = padded.unflatten(0, (-1, DOWNSAMPLING)).all(-1).to(latent)[None]
         edges = torch.nonzero(kept[:-1] != kept[1:]).flatten()
         first = int(edges[0])
         anchor = first if kept[first] else first + 1
-        return cls(latent, share, anchor, motion.joints[anchor], float(filled[..., 1].min()), motion.t0)
+        pose, lowest = torch.stack([joints[anchor] for joints in filled]), [float(j[..., 1].min()) for j in filled]
+        return cls(latent, share, anchor, pose, pose.new_tensor(lowest), motion.t0)
 
     def closeness(
         self, quantiser: Quantiser, coarser: list[Float[Tensor, "S _L_j d"]], samples: int
@@ -107,16 +108,33 @@ class Kept:
         """The tokens, those of the original where it is kept."""
         return torch.where(share_at(quantiser, k, self.share) > WHOLE, close.argmax(-1), tokens)
 
+    def take(self, samples: Int[Tensor, " s"]) -> Kept:
+        """The same of some samples."""
+        if len(self.pose) == 1:
+            return self
+        return replace(self, latent=self.latent[samples], pose=self.pose[samples], floor=self.floor[samples])
+
     def placed(self, motion: Motion) -> Motion:
-        """Canonical motions ``[S, T, 22, 3]`` moved and turned to fit at the anchor frame, on its clock."""
-        here, there = motion.joints[:, self.anchor], self.pose.to(motion.joints)
-        foot, goal = here[:, :1] * here.new_tensor([1.0, 0.0, 1.0]), there[:1] * there.new_tensor([1.0, 0.0, 1.0])
+        """Canonical motions moved and turned to fit at the anchor frame, on its clock.
+
+        They are ``[S, T, 22, 3]``, or as many times S, one S after the other.
+        """
+        times = len(motion.joints) // len(self.pose)
+        here, there = motion.joints[:, self.anchor], self.pose.to(motion.joints).repeat(times, 1, 1)
+        foot, goal = here[:, :1] * here.new_tensor([1.0, 0.0, 1.0]), there[:, :1] * there.new_tensor([1.0, 0.0, 1.0])
         a, b = here - foot, there - goal
         cross = (b[..., 0] * a[..., 2] - b[..., 2] * a[..., 0]).sum(-1)
         dot = (b[..., 0] * a[..., 0] + b[..., 2] * a[..., 2]).sum(-1)
         turn = rotation_about_y(torch.atan2(cross, dot))[:, None, None]
         moved = (turn * (motion.joints - foot[:, None])[..., None, :]).sum(-1)
-        return replace(motion, joints=moved + goal + goal.new_tensor([0.0, self.floor, 0.0]), t0=self.t0)
+        up = goal.new_tensor([0.0, 1.0, 0.0]) * self.floor.to(goal).repeat(times)[:, None, None]
+        return replace(motion, joints=moved + (goal + up)[:, None], t0=self.t0)
+
+
+def _onward(joints: Float[Tensor, "T 22 3"], frames: int) -> Float[Tensor, "N 22 3"]:
+    """Joints that go on as in the last step for some frames more."""
+    steps = torch.arange(1, frames + 1, device=joints.device)[:, None, None]
+    return torch.cat([joints, joints[-1:] + steps * (joints[-1:] - joints[-2:-1])])
 
 
 def bridged(joints: Float[Tensor, "T J 3"], gone: Bool[Tensor, " T"]) -> Float[Tensor, "T J 3"]:

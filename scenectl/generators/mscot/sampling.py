@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -64,6 +63,22 @@ class _State:
         return self.windows.length
 
 
+@dataclass(frozen=True)
+class _Place:
+    """Puts features ``[S, T, c]`` into the world, cut to the frames that were asked for; see `_State`."""
+
+    frames: int
+    start: Pose2D
+    kept: Kept | None
+
+    def __call__(self, features: Float[Tensor, "S T c"]) -> Motion:
+        motion = Motion(features_to_joints(features[:, : self.frames]), fps=FPS)
+        return motion.placed(self.start) if self.kept is None else self.kept.placed(motion)
+
+    def take(self, samples: Int[Tensor, " s"]) -> _Place:
+        return self if self.kept is None else replace(self, kept=self.kept.take(samples))
+
+
 class MSCoT:
     """The generator behind one bundle of weights.
 
@@ -119,7 +134,9 @@ class MSCoT:
         seed: int = 0,
         progress: Progress | None = None,
     ) -> Draft:
-        """Parts of a motion ``[T, 22, 3]`` made anew, in its own frame, by keeping the tokens of the rest.
+        """Parts of a motion made anew, in its own frame, by keeping the tokens of the rest.
+
+        The motion is ``[T, 22, 3]``, or there is one for each sample, ``[samples, T, 22, 3]``.
 
         Lengths are those of one window, 36 to 196 frames at 20 fps. Raises UserError for others, and where
         `regenerate` holds no frame or all of them.
@@ -223,14 +240,10 @@ class MSCoT:
         state.moved.append(float((posterior.exp() * (posterior - prior)).sum(-1).mean()))
         return posterior
 
-    def _placed(self, state: _State, features: Float[Tensor, "S T c"]) -> Motion:
-        """World motion of features, cut to the frames that were asked for."""
-        motion = Motion(features_to_joints(features[:, : state.frames]), fps=FPS)
-        return motion.placed(state.start) if state.kept is None else state.kept.placed(motion)
-
     def _step(self, state: _State, value: Tensor, latent: Callable[[Tensor], Tensor]) -> Step:
         """A step whose value leads to the latent of the whole motion."""
-        return step_of(self.bundle.tokenizer, value, latent, partial(self._placed, state), self._rough)
+        place = _Place(state.frames, state.start, state.kept)
+        return step_of(self.bundle.tokenizer, value, latent, place, self._rough)
 
     def _scale_step(self, state: _State, value: Float[Tensor, "S M d"], k: int) -> Step:
         """A step whose value holds the embeddings of scale k, the next one."""

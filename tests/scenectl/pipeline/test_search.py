@@ -12,7 +12,7 @@ import torch
 
 from scenectl.control import GuidanceSettings, SolverSettings
 from scenectl.generators.mscot.sampling import MSCoT
-from scenectl.pipeline.going_on import Lead, about, go_on
+from scenectl.pipeline.going_on import Lead, SeamStep, about, go_on
 from scenectl.pipeline.parts import CONTEXT
 from scenectl.pipeline.run import LEFT_OUT, run
 from scenectl.pipeline.search import Begun, Search, parts_of
@@ -51,15 +51,33 @@ def test_parts_are_the_acts_and_cover_the_script(generator: MSCoT) -> None:
 
 def test_what_goes_on_has_no_jump_and_leaves_what_was_before(generator: MSCoT) -> None:
     setup = built({"do": "walk", "to": [0.0, 2.0]})
-    before = Motion(walk(60), t0=-3.0, skeleton=setup.body.skeleton)
-    made = go_on(generator, Lead.of(before, 40), setup.prompts, setup.objective, setup.context, samples=2,
+    turned = Motion(walk(60)).placed(Pose2D((1.0, 0.0, 1.0), 2.0)).joints  # samples go on from motions of their own
+    before = Motion(torch.stack([walk(60), turned]), t0=-3.0, skeleton=setup.body.skeleton)
+    made = go_on(generator, Lead.of(before, 40), setup.prompts, setup.objective, setup.context,
                  solver=SolverSettings(**FEW)).motion  # fmt: skip
     assert made.joints.shape == (2, 40, 22, 3) and made.t0 == pytest.approx(0.0)
-    for one in made.joints:
-        whole = torch.cat([before.joints, one])
+    for old, new in zip(before.joints, made.joints, strict=True):
+        whole = torch.cat([old, new])
         rough = (whole[2:] - 2 * whole[1:-1] + whole[:-2]).norm(dim=-1).amax(-1)
         assert rough[57:61].max() <= 1.4 * max(rough[:57].max(), rough[62:].max())  # the latter of random networks
         assert (whole[60] - whole[59]).norm(dim=-1).max() < 0.1
+
+
+def test_a_step_after_frames_is_linearised_as_it_decodes(generator: MSCoT) -> None:
+    before = Motion(torch.stack([walk(60), 2.0 + walk(60)]))
+    lead = Lead.of(before, 20)
+    draft = generator.edit(lead.whole, lead.unknown, "a person walks", samples=2)
+    assert draft.step is not None
+    step = SeamStep.of(draft.step, lead.whole, lead.unknown)
+    assert torch.allclose(step.motion.joints[:, :40], lead.motion.joints)
+    tangent, cotangent = torch.randn_like(step.value), torch.randn_like(step.motion.joints)
+    there, back = (step.jvp(tangent) * cotangent).sum(), (step.vjp(cotangent) * tangent).sum()
+    torch.testing.assert_close(there, back, rtol=1e-3, atol=1e-2)
+    rows = step.vjps(torch.stack([cotangent, 2 * cotangent]))
+    torch.testing.assert_close(rows[1], 2 * rows[0], rtol=2e-2, atol=1e-2)
+    some = torch.tensor([1])
+    torch.testing.assert_close(step.take(some).motion.joints, step.motion.joints[some])
+    torch.testing.assert_close(step.take(some).vjp(cotangent[some]), step.vjp(cotangent)[some], rtol=1e-3, atol=1e-3)
 
 
 def test_goals_count_where_they_are_about_some_frame() -> None:
@@ -72,24 +90,15 @@ def test_goals_count_where_they_are_about_some_frame() -> None:
     assert not about(setup.objective, setup.context, still, first=len(still.joints)).terms
 
 
-def test_beginnings_with_the_fewest_misses_go_on_and_are_made_up_for(
-    generator: MSCoT, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_beginnings_with_the_fewest_misses_go_on_and_are_made_up_for(generator: MSCoT) -> None:
     setup, walked = built({"do": "stand", "seconds": 2.0}, {"do": "wave"}), Motion(walk(40))
     search = Search(generator, setup, SolverSettings(**FEW), GuidanceSettings(), False, 5, 0, lambda *_: None)
-    taken: list[tuple[float, int]] = []
-
-    def counted(generator: MSCoT, lead: Lead, *given: object, samples: int, **more: object) -> object:
-        taken.append((float(lead.motion.joints[0, 0, 0]), samples))
-        return object()
-
-    monkeypatch.setattr("scenectl.pipeline.search.go_on", counted)
     told = [(1, 0.0), (0, 3.0), (0, 1.0), (0, 2.0), (2, 0.0)]
-    shifted = [replace(walked, joints=walked.joints + 10.0 * k) for k in range(5)]
-    begun = [Begun(m, m, *worth) for m, worth in zip(shifted, told, strict=True)]
-    assert len(list(search._onward(begun, 1, 60, lambda *_: None))) == 3
-    first = float(walk(40)[0, 0, 0])
-    assert [(round((x - first) / 10), n) for x, n in taken] == [(2, 2), (3, 2), (1, 1)]
+    begun = [Begun(walked, walked, *worth) for worth in told]
+    assert [told.index((one.missed, one.cost)) for one in search._best(begun)] == [2, 3, 1, 2, 3]
+    assert {one.cost for one in search._best(begun[:1])} == {0.0}, (
+        "who is alone goes on as often as samples are asked for"
+    )
 
 
 def test_a_script_has_as_many_samples_as_asked_for_and_a_seed_decides(generator: MSCoT) -> None:
