@@ -17,7 +17,7 @@ from objectives.maths import length
 from objectives.parameters import Point
 from objectives.registry import Masked, goal
 from scenes.errors import UserError
-from scenes.motion.headings import heading, turned
+from scenes.motion.headings import heading, turned as turned_about_y
 from scenes.motion.motion import Motion
 from scenes.world.moving import MovingObject
 
@@ -50,7 +50,7 @@ class Grip:
 
     @classmethod
     def of(cls, parameters: Mapping[str, Any], context: Context) -> Grip:
-        """What a goal `hold` was told; raises UserError for a thing that the scene does not have, or that moves."""
+        """What a goal `hold` was told; raises UserError for a thing that the scene does not have."""
         name = parameters["object"]
         if not isinstance(context.scene, Parted):
             raise UserError("this scene has no things with names to hold")
@@ -65,7 +65,7 @@ class Grip:
         """Of the thing at every frame, world m."""
         palms = self.palms(motion)
         place = sum(palms.values(), start=torch.zeros_like(motion.joints[..., 0, :])) / len(palms)
-        return place + turned(place.new_tensor(self.offset), heading(motion, ("hip",)))
+        return place + turned_about_y(place.new_tensor(self.offset), heading(motion, ("hip",)))
 
     def palms(self, motion: Motion) -> dict[str, Float[Tensor, "*b T 3"]]:
         """Middles of the palms that hold it, world m."""
@@ -76,7 +76,7 @@ class Grip:
     def points(self, motion: Motion) -> Float[Tensor, "*b T P 3"]:
         """Points of the thing's box at every frame, world m."""
         turn = (heading(motion, ("hip",)) - self.facing)[..., None]
-        return self.middle(motion)[..., None, :] + turned(self._box.to(motion.joints), turn)
+        return self.middle(motion)[..., None, :] + turned_about_y(self._box.to(motion.joints), turn)
 
     @property
     def rest(self) -> tuple[Float[Tensor, "3"], Float[Tensor, "3 3"], Float[Tensor, "3"]]:
@@ -89,7 +89,7 @@ class Grip:
     def halves(self) -> Float[Tensor, "3"]:
         """Half of the thing's size to the left, up and forward of somebody who faces it, m."""
         size = (self._bounds[1] - self._bounds[0]) / 2
-        axes = turned(torch.eye(3, dtype=torch.float64), torch.tensor(self.facing, dtype=torch.float64))
+        axes = turned_about_y(torch.eye(3, dtype=torch.float64), torch.tensor(self.facing, dtype=torch.float64))
         return (axes @ self.rest[1]).abs() @ size
 
     @property
@@ -118,6 +118,7 @@ def hold(
     forward: float = 0.0,
     facing: float = 0.0,
     position: Point | None = None,
+    turned: float | None = None,
 ) -> Masked:
     """Hold a thing of the scene in a hand, or between both.
 
@@ -135,9 +136,10 @@ def hold(
         left, up, forward: from the palm to the thing's middle as the body faces, m.
         facing: the body's heading (rad) at which the thing is turned as it rests.
         position: where the thing's middle shall be, world m: where it rests when it is taken, and where it is put.
+        turned: the body's heading (rad) when it is put, by which it stands turned from then on.
 
     Raises:
-        UserError: a thing that the scene does not have, that moves by itself, or that is part of a mesh.
+        UserError: a thing that the scene does not have, or that is part of a mesh.
     """
     told = {"object": object, "hand": hand, "left": left, "up": up, "forward": forward, "facing": facing}
     grip = Grip.of(told, context)
@@ -146,7 +148,7 @@ def hold(
     parts, labels = [(-room).clamp_min(0)], ["depth"]
     owner = f"{'right' if hand == 'both' else hand}_wrist"
     if hand == "both":
-        aside = turned(middle.new_tensor([1.0, 0.0, 0.0]), heading(motion, ("hip",))) * float(grip.halves[0])
+        aside = turned_about_y(middle.new_tensor([1.0, 0.0, 0.0]), heading(motion, ("hip",))) * float(grip.halves[0])
         palms = grip.palms(motion)
         parts += [length(palms[side] - middle - sign * aside) for side, sign in (("left", 1.0), ("right", -1.0))]
         labels += ["left grip", "right grip"]

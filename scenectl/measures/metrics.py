@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from scenes.motion.bones import bone_lengths
 from scenes.motion.headings import heading, turned
 from scenes.motion.motion import Motion
 from scenes.motion.skeleton import FEET, size_of
-from scenes.world.scene import Scene
+from scenes.world.scene import SAME, Scene
 
 FLOOR_BAND = 0.06
 """Level triangles within this height of the floor (m) are floor and not obstacle: scans, rugs and thresholds."""
@@ -259,7 +259,19 @@ class Scorer:
         if self.surfaces:
             unsigned = np.minimum.reduce([surface.unsigned_distance(points) for _, surface in self.surfaces])
             best = np.minimum(best, np.where(inside, -unsigned, unsigned))
+        for name, give in self.scene.soft.items():
+            part = self.scene.part(name).distance_exact(points, times)
+            best = np.where(part <= best + SAME, part + give, best)
         return best
+
+    def within(self, scene: Scene) -> Scorer:
+        """The same for a scene whose objects alone differ, so that its triangles are not prepared again."""
+        if scene is self.scene:
+            return self
+        found = replace(self, scene=scene)
+        if [mesh.digest for mesh in scene.meshes] == [mesh.digest for mesh in self.scene.meshes]:
+            vars(found)["surfaces"] = self.surfaces
+        return found
 
     @cached_property
     def surfaces(self) -> tuple[tuple[str, Surface], ...]:

@@ -137,7 +137,7 @@ def go_on(
     given = level if there is None else there.of(level)
     goals = Objective((*goals.terms, lead.calm))
     guide = ObjectiveGuide(goals, context, guidance, figure=back)
-    said = prompts.within(max(before.t0, 0.0), lead.begin + lead.frames / before.fps)
+    said = prompts.within(before.t0, lead.begin + lead.frames / before.fps)
     samples = len(before.joints)
     draft = generator.edit(given, lead.unknown, said, guide=guide, samples=samples, seed=seed, progress=progress)
     made = MappedStep(SmoothStep.of(draft.motion), rigid) if draft.step is None else draft.step
@@ -148,10 +148,22 @@ def go_on(
 
 def about(objective: Objective, context: Context, motion: Motion, first: int = 0) -> Objective:
     """Those goals of an objective that are about some frame of motions ``[*b, T, J, 3]`` from the `first` on."""
-    with torch.no_grad():
-        return Objective(
-            tuple(t for t in objective.counted if bool(t.evaluate(motion, context).mask[..., first:, :].any()))
-        )
+    begin, end = motion.t0 + first / motion.fps, motion.t0 + (motion.frames - 0.5) / motion.fps
+
+    def counts(term: Term) -> bool:
+        if term.sometime is not None:  # where it ends: until then its moment may be yet to come
+            return begin <= term.sometime[1] <= end
+        with torch.no_grad():
+            return bool(term.evaluate(motion, context).mask[..., first:, :].any())
+
+    return Objective(tuple(term for term in objective.counted if counts(term)))
+
+
+def ending(motion: Motion, fps: float) -> Motion:
+    """One motion without its padding, at so many frames a second, of which the last is its last."""
+    turned = replace(motion, joints=motion.joints.flip(0), valid=motion.valid.flip(0))
+    back = on_clock(turned, fps)
+    return unpadded(back, back.joints.flip(0))
 
 
 def on_clock(motion: Motion, fps: float) -> Motion:

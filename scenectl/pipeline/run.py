@@ -15,7 +15,7 @@ from scenectl.generators import load_generator, registry
 from scenectl.generators.base import EditingGenerator, Generator, Progress, silent
 from scenectl.measures.metrics import Scorer
 from scenectl.pipeline.generation import Made, make
-from scenectl.pipeline.going_on import on_clock, unpadded
+from scenectl.pipeline.going_on import ending, unpadded
 from scenectl.pipeline.parts import CONTEXT
 from scenectl.pipeline.rank import ranked
 from scenectl.pipeline.report import report_of
@@ -27,7 +27,7 @@ from scenectl.tasks.task import Task
 from scenectl.threads import threads
 from scenes.errors import UserError
 from scenes.motion.frames import Place
-from scenes.motion.motion import Motion
+from scenes.motion.motion import Motion, Pose2D
 from scenes.motion.rigid import rigid
 
 SAME = 0.01
@@ -58,11 +58,13 @@ def run(
         generator: instead of loading the one that the task names; benches reuse one.
         progress: called with what is being done and the fraction done.
         setup: the task already built (with the same seed), so that a scene is read once.
-        scorer: of the same scene, so that its triangles are prepared once.
+        scorer: of the same scene, whatever stands or moves in it, so that its triangles are prepared once.
         drawer: of the preview that `Result.save` writes.
         after: a motion ``[T, J, 3]`` of the task's body, world m, which what is made goes on from; where it ends is the
             task's start.
     """
+    if after is not None:
+        after = _whole(after, setup)
     left_out = () if after is None or task.start is None else (LEFT_OUT,)
     task = task if after is None else begun_at_end(task, after)
     seed = task.seed if seed is None else seed
@@ -84,7 +86,8 @@ def run(
         made = _generated(task, setup, generator, samples, seed, tell, after)
         clock.lap("generate_s")
         tell("measuring", 0.0)
-        motion, rows = ranked(made.motion, made.unrefined, setup, scorer or Scorer(setup.scene, setup.body), tell)
+        judge = Scorer(setup.scene, setup.body) if scorer is None else scorer.within(setup.scene)
+        motion, rows = ranked(made.motion, made.unrefined, setup, judge, tell)
         clock.lap("measure_s")
     facts = {
         "seed": seed,
@@ -122,13 +125,26 @@ def begun_at_end(task: Task, motion: Motion) -> Task:
         raise UserError(
             f"the motion to go on from does not end standing: its pelvis is {high:.2f} m over the feet; let it stand up"
         )
-    return task.model_copy(update={"start": Start(position=_on_ground(task, end.position), heading=end.heading)})
+    with task.named():
+        return task.model_copy(update={"start": Start(position=_on_ground(task, end), heading=end.heading)})
 
 
-def _on_ground(task: Task, place: Place) -> Place:
-    """A place (m, world) on the ground that is nearest under it; itself where there is none."""
+def _whole(after: Motion, setup: Setup | None) -> Motion:
+    """A motion to go on from without its padding; raises UserError for what none can go on from."""
+    if setup is not None:
+        raise UserError("a task that goes on from a motion is planned from where that ends; leave out 'setup'")
+    if after.joints.ndim != 3:
+        raise UserError("give one motion to go on from, [T, J, 3], such as result.motion[0]")
+    if not bool(after.valid.any()):
+        raise UserError("the motion to go on from has no valid frame; 'valid' is true where a frame is real")
+    return replace(after, joints=after.joints[after.valid], valid=after.valid[after.valid])
+
+
+def _on_ground(task: Task, end: Pose2D) -> Place:
+    """A place (world, m) on the ground that is nearest under it; itself where there is none."""
     scene = task.load_scene()
-    (x, y, z), by = place, scene.origin
+    scene = scene.seen_from(task.origin(scene, end))
+    (x, y, z), by = end.position, scene.origin
     ground = float(scene.ground_at(x - by[0], z - by[2], y + GROUND - by[1])) + by[1]
     return x, y if math.isnan(ground) else ground, z
 
@@ -148,7 +164,7 @@ def _generated(
 
 def _before(after: Motion, setup: Setup, generator: Generator) -> Motion:
     """The last frames of a motion as a setup sees them, on its body's bones and the generator's clock, up to 0 s."""
-    seen = on_clock(after, generator.spec.fps).seen_from(setup.origin)
+    seen = ending(after, generator.spec.fps).seen_from(setup.origin)
     last = unpadded(seen, seen.joints[-CONTEXT:], t0=-min(CONTEXT, seen.frames) / seen.fps)
     return rigid(last, setup.body.skeleton)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +19,7 @@ import torch
 from scenectl.control import GuidanceSettings, SolverSettings
 from scenectl.control.solvers.problem import Reason, Solution
 from scenectl.generators.base import EditingGenerator, Progress
+from scenectl.generators.prompts import Prompts
 from scenectl.generators.spec import Spec
 from scenectl.measures.believability.judge import Judge
 from scenectl.measures.metrics import Scorer
@@ -104,7 +106,8 @@ class Search:
     def run(self) -> Made:
         """Motions of the whole task, ``[samples, T, J, 3]``."""
         spec = self.generator.spec
-        parts = parts_of(self.setup, spec, spec.shortest_frames if self.lead is None else 1)
+        known = 0 if self.lead is None else self.lead.frames
+        parts = parts_of(self.setup, spec, max(1, spec.shortest_frames - known))
         begun = [] if self.lead is None else [Begun(self.lead, self.lead)]
         passes, solver, trace = 0, "", dict[str, object]()
         for k, (first, end) in enumerate(parts):
@@ -115,9 +118,8 @@ class Search:
             if made.solution is not None:
                 passes, solver = passes + made.solution.evaluations, made.solution.solver
             trace = made.trace
-        cut = 0 if self.lead is None else self.lead.frames
         motion, unrefined = (
-            unpadded(one[0], torch.stack([m.joints[cut:] for m in one]), t0=0.0)
+            unpadded(one[0], torch.stack([m.joints[known:] for m in one]), t0=0.0)
             for one in ([b.motion for b in begun], [b.unrefined for b in begun])
         )
         nothing = motion.joints.new_zeros(len(begun), 0)
@@ -136,7 +138,7 @@ class Search:
         setup, seconds = self.setup, frames / self.generator.spec.fps
         goals = about(setup.objective, setup.context, self._standing(frames))
         return make(
-            self.generator, setup.prompts.within(0.0, seconds), seconds, setup.start, goals, setup.context,
+            self.generator, self._prompts.within(0.0, seconds), seconds, setup.start, goals, setup.context,
             solver=self.solver, guidance=self.guidance, free_start=self.free_start, samples=self.samples,
             seed=self.seed, progress=tell,
         )  # fmt: skip
@@ -146,7 +148,7 @@ class Search:
         lead = Lead.of(unpadded(before[0].motion, torch.stack([one.motion.joints for one in before])), frames)
         seed = int(np.random.SeedSequence([self.seed, k]).generate_state(1)[0])
         return go_on(
-            self.generator, lead, self.setup.prompts, self.setup.objective, self.setup.context, solver=self.solver,
+            self.generator, lead, self._prompts, self.setup.objective, self.setup.context, solver=self.solver,
             guidance=self.guidance, seed=seed, progress=tell,
         )  # fmt: skip
 
@@ -170,13 +172,22 @@ class Search:
         """Whether goals about a motion ``[T, J, 3]`` from the `first` frame on are missed, or it is not believable;
         and what they cost."""
         objective, context = self.setup.objective, self.setup.context
-        exempt = tuple(one for term in objective.counted for one in term.exemptions)
-        rests = tuple(term.support for term in objective.counted if term.support is not None)
-        judge = Judge(Scorer(self.setup.scene, self.setup.body, baked=True), self.setup.prompts, exempt, rests)
         goals = about(objective, context, seen, first)
         with torch.no_grad():
             cost, met = float(goals.cost(seen, context)), bool(goals.met(seen, context))
-        return int(not (met and judge.verdict(seen).believable)), cost
+        return int(not (met and self._judge.verdict(seen).believable)), cost
+
+    @cached_property
+    def _judge(self) -> Judge:
+        terms = self.setup.objective.counted
+        exempt = tuple(one for term in terms for one in term.exemptions)
+        rests = tuple(term.support for term in terms if term.support is not None)
+        return Judge(Scorer(self.setup.scene, self.setup.body, baked=True), self.setup.prompts, exempt, rests)
+
+    @cached_property
+    def _prompts(self) -> Prompts:
+        """The sentences, act by act as a generator follows them, before the motion is cut into parts."""
+        return self.setup.prompts.act_by_act(self.setup.seconds)
 
     def _standing(self, frames: int) -> Motion:
         """Somebody who stands at the start for so many frames."""

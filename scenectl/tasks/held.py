@@ -70,7 +70,8 @@ def holds(terms: Iterable[Term], seconds: float) -> list[Hold]:
 def _span(term: Term, seconds: float) -> tuple[float, float]:
     if term.times:
         return min(term.times), max(term.times)
-    return (0.0, seconds) if term.window is None else (term.window[0], term.window[1])
+    span = term.window or term.sometime
+    return (0.0, seconds) if span is None else (span[0], span[1])
 
 
 def without_held(scene: Scene, found: Iterable[Hold], context: Context) -> Scene:
@@ -82,18 +83,25 @@ def without_held(scene: Scene, found: Iterable[Hold], context: Context) -> Scene
 
 
 def _away(hold: Hold, context: Context) -> MovingObject:
-    grip = Grip.of(hold.terms[0].parameters, context)
+    try:
+        grip = Grip.of(hold.terms[0].parameters, context)
+    except UserError as error:
+        raise UserError(f"{hold.terms[0].label}: {error}") from error
     thing = grip.thing
     if len(thing.trajectory.times) > 1:
         raise UserError(f"{hold.terms[0].label}: '{hold.name}' moves by itself, and only what rests can be taken")
+    begin = hold.begin if hold.begin > 0 else -np.inf  # who begins with it in hand had it before
     if hold.put is None:
-        return replace(thing, gone=((hold.begin, np.inf),))
+        return replace(thing, gone=((begin, np.inf),))
     _, rotation, own = grip.rest
+    turned = hold.put.parameters.get("turned")
+    if turned is not None:  # it turns as the body did on the way
+        rotation = rotation_about_y(torch.tensor(turned - grip.facing, dtype=torch.float64)) @ rotation
     there = torch.tensor(hold.put.parameters["position"], dtype=torch.float64)
     places = [thing.trajectory.positions[0], tuple((there - rotation @ own).tolist())]
-    turns = [unit_quaternions(rotation).tolist()] * 2
+    turns = [unit_quaternions(each).tolist() for each in (grip.rest[1], rotation)]
     trajectory = Trajectory((hold.begin, hold.end), places, quaternions=turns)
-    return replace(thing, trajectory=trajectory, gone=((hold.begin, hold.end),))
+    return replace(thing, trajectory=trajectory, gone=((begin, hold.end),))
 
 
 def with_held(scene: Scene, terms: Iterable[Term], motion: Motion) -> Scene:

@@ -100,7 +100,7 @@ class ObjectSpec(_Table):
         return MovingObject(_shape(self.primitive), trajectory, self.name)
 
 
-def _moves(thing: ObjectSpec | MovingObject) -> bool:
+def moves(thing: ObjectSpec | MovingObject) -> bool:
     """Whether an object is at more than one place."""
     return len((thing if isinstance(thing, ObjectSpec) else thing.trajectory).times) > 1
 
@@ -394,7 +394,7 @@ class TaskTable(_Table):
     ) -> tuple[Term, ...]:
         """The same for somebody who walks besides, and whose joints may touch things in some windows (s)."""
         own, walks = self.avoid if isinstance(self.avoid, dict) else {}, walks or self._walks
-        passing = {"margin": PASSING} if walks and any(map(_moves, self.scene.objects)) else {}
+        passing = {"margin": PASSING} if walks and any(map(moves, self.scene.objects)) else {}
         touching = {"touches": {joint: list(when) for joint, when in touches.items()}} if touches else {}
         wanted = {"sdf_penetration": {**AVOID, **passing, **touching, **own}} | (
             {"foot_contact": GROUND} if walks else {}

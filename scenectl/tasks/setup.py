@@ -16,7 +16,7 @@ from scenectl.tasks.actions.script import Script, scripted
 from scenectl.tasks.actions.state import State, World
 from scenectl.tasks.conditions import Target, targets_of
 from scenectl.tasks.held import holds, with_held, without_held
-from scenectl.tasks.schema import Start, TaskTable
+from scenectl.tasks.schema import Start, TaskTable, moves
 from scenectl.tasks.walk import FASTEST_WALK, WAIT, Schedule, Walk, room_of, seconds_for, walk_terms
 from scenes.body.body import DEFAULT_BODY, STATURE, ProxyBody
 from scenes.errors import UserError, in_doubt
@@ -272,7 +272,7 @@ def _seconds(task: TaskTable, path: np.ndarray | None, spec: Spec, body: ProxyBo
     walk, length = task.walk, walked(path)
     seconds = task.seconds
     if seconds is None:
-        waiting = WAIT if task.scene.objects else 0.0
+        waiting = WAIT if any(map(moves, task.scene.objects)) else 0.0
         seconds = max(round(seconds_for(walk, length, body) + waiting, 1), spec.shortest)
         if seconds > spec.longest:
             raise UserError(

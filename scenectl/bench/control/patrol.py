@@ -19,11 +19,13 @@ from scenectl.generators.base import Generator
 from scenectl.measures.metrics import seam_ratio
 from scenectl.pipeline.results import Result as Made
 from scenectl.pipeline.run import run
+from scenectl.tasks.schema import Start
 from scenectl.tasks.task import Task
 from scenes.errors import UserError
 from scenes.motion.motion import Motion
-from scenes.world.floor.polyline import walked
 
+LOST = 5.0
+"""Seconds that a leg which cannot be planned counts for, so that a patrol ends."""
 MISS = 0.15
 """Metres from a place, on the floor, within which a leg ends there."""
 
@@ -54,20 +56,25 @@ def bench_patrol(
 
 def _legs(generator: Generator, room: Room, seconds: float, seed: int, samples: int, engine: Engine) -> Iterator[Row]:
     rng = np.random.default_rng(seed)
-    x, z = room.area.sample(1, rng)[0].tolist()
     before: Made | None = None
-    done, here = 0.0, (float(x), float(z))
+    done, here = 0.0, _somewhere(room, rng)
     while done < seconds:
         number = round(done)
         engine.progress(f"{number} s of {seconds:g}", done / seconds)
         to = _next(room, here, rng)
-        task = Task(actions=({"do": "walk", "to": list(to), "radius": RADIUS},), scene=room.scene, start=list(here))
+        task = Task(actions=({"do": "walk", "to": list(to), "radius": RADIUS},), scene=room.scene)
         given: dict[str, Any] = {
             "samples": samples, "seed": seed + number, "generator": generator, "scorer": room.scorer,
         }  # fmt: skip
-        if before is not None:
-            task = task.model_copy(update={"start": None})
-        made = run(task, **given) if before is None else before.then(task, **given)
+        try:
+            if before is None:
+                made = run(task.model_copy(update={"start": Start(position=here)}), **given)
+            else:
+                made = before.then(task, **given)
+        except UserError as error:  # a leg that cannot be planned ends this patrol, and another begins
+            yield {"seconds": 0.0, "good": False, "refused": str(error)}
+            before, here, done = None, _somewhere(room, rng), done + LOST
+            continue
         yield _row(made, before, to)
         before, done = made, done + made.motion.seconds
         x, z = made.motion.joint("pelvis")[0, -1, [0, 2]].tolist()
@@ -75,17 +82,18 @@ def _legs(generator: Generator, room: Room, seconds: float, seed: int, samples: 
         gc.collect()
 
 
+def _somewhere(room: Room, rng: np.random.Generator) -> tuple[float, float]:
+    x, z = room.area.sample(1, rng)[0].tolist()
+    return float(x), float(z)
+
+
 def _next(room: Room, here: tuple[float, float], rng: np.random.Generator) -> tuple[float, float]:
-    """A place to walk to."""
-    for place in room.area.sample(TRIES, rng):
-        to = float(place[0]), float(place[1])
-        try:
-            length = walked(np.asarray(room.area.path(here, to)))
-        except UserError:
-            continue
-        if SHORTEST_PATH <= length <= LONGEST_PATH:
-            return to
-    raise UserError(f"no place to walk to was found from [{here[0]:.2f}, {here[1]:.2f}] in '{room.name}'")
+    """A place to walk to, as the crow flies so far away."""
+    away = [(float(x), float(z)) for x, z in room.area.sample(TRIES, rng)]
+    fit = [to for to in away if SHORTEST_PATH <= math.dist(here, to) <= LONGEST_PATH]
+    if not fit:
+        raise UserError(f"no place to walk to was found from [{here[0]:.2f}, {here[1]:.2f}] in '{room.name}'")
+    return fit[0]
 
 
 def _row(made: Made, before: Made | None, to: Sequence[float]) -> Row:
@@ -110,18 +118,23 @@ def _row(made: Made, before: Made | None, to: Sequence[float]) -> Row:
 
 
 def _summary(rows: Sequence[Row]) -> Row:
-    first, last = rows[: math.ceil(len(rows) / 10)], rows[-math.ceil(len(rows) / 10) :]
-    seams, gaps = ([row[name] for row in rows if name in row] for name in ("seam_ratio", "gap_m"))
+    made = [row for row in rows if "refused" not in row]
+    if not made:
+        raise UserError(f"no leg could be planned: {rows[0]['refused']}")
+    tenth = math.ceil(len(made) / 10)
+    first, last = made[:tenth], made[-tenth:]
+    seams, gaps = ([row[name] for row in made if name in row] for name in ("seam_ratio", "gap_m"))
     return {
-        "legs": len(rows),
-        "seconds": sum(row["seconds"] for row in rows),
-        "good_rate": float(np.mean([row["good"] for row in rows])),
-        "reached_rate": float(np.mean([row["missed_m"] <= MISS for row in rows])),
-        "worst_missed_m": max(row["missed_m"] for row in rows),
-        "clean_rate": float(np.mean([row["deepest_m"] <= DEEP for row in rows])),
-        "deepest_m": max(row["deepest_m"] for row in rows),
+        "legs": len(made),
+        "refused": len(rows) - len(made),
+        "seconds": sum(row["seconds"] for row in made),
+        "good_rate": float(np.mean([row["good"] for row in made])),
+        "reached_rate": float(np.mean([row["missed_m"] <= MISS for row in made])),
+        "worst_missed_m": max(row["missed_m"] for row in made),
+        "clean_rate": float(np.mean([row["deepest_m"] <= DEEP for row in made])),
+        "deepest_m": max(row["deepest_m"] for row in made),
         "median_seam_ratio": median(seams) if seams else None,
         "largest_gap_m": max(gaps, default=None),
-        "median_generate_s": median(row["generate_s"] for row in rows),
+        "median_generate_s": median(row["generate_s"] for row in made),
         "grew_mb": float(np.mean([r["resident_mb"] for r in last]) - np.mean([r["resident_mb"] for r in first])),
     }

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -109,7 +110,7 @@ class Room:
         sentences = tuple(text for text, kinds in SENTENCES.items() if set(kinds) & set(known))
         hands = tuple(hand for hand, kinds in WAVES.items() if set(kinds) & set(known))
         world = World(found, DEFAULT_BODY, spec)
-        shelves = tuple(_shelves(found, world.area(*room_of(DEFAULT_BODY))))
+        shelves = tuple(islice(_shelves(found, world.area(*room_of(DEFAULT_BODY))), TRIES))
         found = found.with_objects([*found.objects, *map(_parcel, shelves[:1])])
         return cls(found, World(found, DEFAULT_BODY, spec), Scorer(found), sentences, hands, shelves)
 
@@ -164,7 +165,7 @@ def _shelves(scene: Scene, area: FreeArea) -> Iterator[list[float]]:
     cells = np.argwhere((over >= SHELVES[0]) & (over <= SHELVES[1]))
     corners = half * np.array([[a, 0.0, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
     around = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-    for i, j, k in np.random.default_rng(0).permutation(cells):
+    for i, j, k in np.random.default_rng(0).permutation(cells)[: 50 * TRIES]:
         x, z = np.array([i, j]) * levels.cell + levels.origin
         place = np.array([x, levels.heights[i, j, k], z])
         below, above = place + corners - [0.0, CLEAR / 4, 0.0], place + corners + [0.0, CLEAR + half, 0.0]

@@ -64,8 +64,9 @@ class Reader:
 
 def neighbours(codes: Float[Tensor, "V d"]) -> Int[Tensor, "V n"]:
     """The codes nearest to each, without itself."""
-    found: Tensor = torch.cdist(codes, codes).topk(min(NEAREST, len(codes) - 1) + 1, largest=False).indices
-    return found[:, 1:]
+    away = torch.cdist(codes, codes).fill_diagonal_(torch.inf)
+    found: Tensor = away.topk(min(NEAREST, len(codes) - 1), largest=False).indices
+    return found
 
 
 def _misread(

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from objectives import FloorPoint, Point, Term
 from scenectl.tasks.actions.state import State, World
+from scenes.errors import UserError
 
 Place = Point | FloorPoint
 """[x, z] on the floor, or [x, y, z], world m."""
@@ -48,6 +49,12 @@ def upright(world: World, ground: float, window: tuple[float, float]) -> Term:
     """The pelvis as high over the ground (m, world) as that of somebody who stands, or nearly."""
     tall: dict[str, Any] = {"limit": ground + UPRIGHT * world.body.size, "mode": "above", "joints": "pelvis"}
     return Term("height_limit", tall, 20.0, tolerance=0.05, window=window, name="upright")
+
+
+def free_hand(state: State, hand: str) -> None:
+    """Raises UserError where a hand, or one of "both", holds something."""
+    if state.holds and (hand == "both" or state.holds[0].parameters["hand"] in (hand, "both")):
+        raise UserError(f"the hand holds '{state.held}'; put it down first, or use another hand")
 
 
 def turning(way: float) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from objectives import Point, Term
-from scenectl.tasks.actions.library._common import Seconds, facing, kept
+from scenectl.tasks.actions.library._common import Seconds, facing, free_hand, kept
 from scenectl.tasks.actions.registry import action
 from scenectl.tasks.actions.state import Act, State, World
 from scenes.errors import UserError
@@ -43,6 +43,7 @@ def reach(
         seconds: how long all of it takes, s.
         tolerance: how near counts as there, m.
     """
+    free_hand(state, hand)
     away, over = math.dist(state.place[::2], (to.x, to.z)), to.y - state.place[1]
     size = world.body.size
     if away > REACH * size or not OVER[0] <= over <= OVER[1] * size:
@@ -73,6 +74,7 @@ def lean(
         hand: "left", "right" or "both".
         seconds: how long all of it takes, s; the hands rest for the middle half.
     """
+    free_hand(state, hand)
     away, over = math.dist(state.place[::2], (on.x, on.z)), on.y - state.place[1]
     size = world.body.size
     if away > REACH * size or not LEANT[0] * size <= over <= LEANT[1] * size:
@@ -88,7 +90,9 @@ def lean(
         place = [on.x + aside * math.cos(wanted), on.y, on.z - aside * math.sin(wanted)]
         asked = {"part": f"{side}_hand", "position": place}
         terms.append(Term("contact", asked, 5.0, tolerance=0.03, window=rests, name=f"{side} hand rests"))
-    what = "both hands on a table" if hand == "both" else f"one hand on {'a wall' if over > 1.0 else 'a counter'}"
+    what = (
+        "both hands on a table" if hand == "both" else f"one hand on {'a wall' if over > 1.0 * size else 'a counter'}"
+    )
     way = "forward with" if hand == "both" else f"to the {hand} with"
     arms = [f"{side}_{joint}" for side in sides for joint in ("wrist", "elbow")]
     then = state.facing(wanted)

@@ -55,8 +55,9 @@ def sit(world: World, state: State, *, on: str | Point, seconds: Seconds = 3.0, 
     terms.append(facing(seat.heading, (down, lasts)))
     terms.append(upright(world, seat.stand[1], (begin, down)))
     terms += _on_the_way(keeps, (down + LEAVING, rests))
-    then = State(
-        (seat.hips[0], seat.stand[1], seat.hips[2]), seat.heading, "sitting", keeps, THIGHS, seat.stand, state.holds
+    place = (seat.hips[0], seat.stand[1], seat.hips[2])
+    then = replace(
+        state, place=place, heading=seat.heading, posture="sitting", keeps=keeps, touches=THIGHS, feet=seat.stand
     )
     before = () if way is None else way.prompts(0.0, begin)
     turns = "turns around" if abs(turned) > FULL else f"turns to the {side(turned)}"

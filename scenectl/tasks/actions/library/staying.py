@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from objectives import Point, Term
-from scenectl.tasks.actions.library._common import FULL, Place, Seconds, facing, kept, side, turning
+from scenectl.tasks.actions.library._common import FULL, Place, Seconds, facing, free_hand, kept, side, turning
 from scenectl.tasks.actions.registry import action
 from scenectl.tasks.actions.state import Act, State, World, turn as between
 from scenes.errors import UserError
@@ -71,6 +71,7 @@ def wave(
         hand: with which.
         seconds: how long, s.
     """
+    free_hand(state, hand)
     which = "both hands" if hand == "both" else f"the {hand} hand"
     sits = "sits and " if state.posture == "sitting" else ""
     return Act(f"a person {sits}waves with {which}.", seconds, state, kept(state, seconds))

@@ -69,7 +69,7 @@ def pick_up(world: World, state: State, *, what: str, hand: Hand = "right", seco
     takes = Term("hold", {**gripped, "position": place}, 20.0, at=taken, name="takes")
     holds = Term("hold", gripped, 20.0, name="holds")
     terms = (
-        *_before(way, begin), *(t.during(begin, lasts) for t in kept(here, seconds)),
+        *_before(way), *(t.during(begin, lasts) for t in kept(here, seconds)),
         facing(wanted, (taken - 0.1, taken + 0.1)), takes, replace(holds, window=(taken, lasts)),
         upright(world, here.place[1], (lasts - 0.2, lasts)),
     )  # fmt: skip
@@ -116,13 +116,16 @@ def put_down(
     hand: Hand = gripped["hand"]
     grip = Grip.of(gripped, Context(world.scene, world.body))
     way, here = _beside(world, state, (to.x, to.y, to.z))
+    _within_reach(world, here, "the place", to.y)
     wanted = here.towards(to.x, to.z)
     told, begin, lasts = _told(way, here, wanted, f"a person puts down {_thing(hand)}.", seconds)
     place = [to.x, to.y + float(grip.halves[1]) + OPEN / 2, to.z]
     left = begin + seconds / 2
-    puts = Term("hold", {**gripped, "position": place}, 60.0, tolerance=tolerance, at=left, name="puts")
+    puts = Term(
+        "hold", {**gripped, "position": place, "turned": wanted}, 60.0, tolerance=tolerance, at=left, name="puts"
+    )
     terms = (
-        *_before(way, begin), *(t.during(begin, lasts) for t in kept(here, seconds)),
+        *_before(way), *(t.during(begin, lasts) for t in kept(here, seconds)),
         facing(wanted, (left - 0.1, left + 0.1)), replace(state.holds[0], window=(0.0, left)), puts,
         upright(world, here.place[1], (lasts - 0.2, lasts)),
     )  # fmt: skip
@@ -130,13 +133,18 @@ def put_down(
     return Act(told, lasts, then, terms, None if way is None else way.path, _hands(hand, (begin, lasts)))
 
 
+def _within_reach(world: World, state: State, what: str, height: float) -> None:
+    """Raises UserError for a height (m) that hands do not get to from where somebody stands."""
+    over, most = height - state.place[1], HIGH * world.body.size
+    if not -0.1 <= over <= most:
+        raise UserError(f"{what} is {over:.2f} m over the ground, and hands get {most:.2f} m high")
+
+
 def _rest(world: World, what: str, hand: Hand, state: State) -> torch.Tensor:
     """Middle of a thing at rest, ``[3]`` m, which hands can get to."""
     grip = Grip.of({"object": what, "hand": hand, "facing": state.heading}, Context(world.scene, world.body))
     rest, _, _ = grip.rest
-    over = float(rest[1]) - state.place[1]
-    if not -0.1 <= over <= HIGH * world.body.size:
-        raise UserError(f"'{what}' is {over:.2f} m over the ground, and hands get {HIGH * world.body.size:.2f} m high")
+    _within_reach(world, state, f"'{what}'", float(rest[1]))
     return rest
 
 
@@ -162,13 +170,18 @@ def _beside(world: World, state: State, point: tuple[float, float, float]) -> tu
         + math.pi
         + np.array([0.0, *(s * a for a in np.arange(1, 13) * math.pi / 12 for s in (1, -1))])
     )
-    for away in np.arange(0.35 * size, FURTHEST * size, 0.05):
-        for angle in angles:
+    where, why = f"[{x:.2f}, {z:.2f}]", "no free place to stand"
+    for away in np.arange(0.35 * size, FURTHEST * size, 0.1):
+        for angle in angles[::2]:
             place = (x + float(away * np.sin(angle)), state.place[1], z + float(away * np.cos(angle)))
             if area.free(place):
-                way: Act = walk(world, state, to=Point(*place))
+                try:
+                    way: Act = walk(world, state, to=Point(*place))
+                except UserError as error:  # as on the other side of a wall
+                    why = str(error)
+                    continue
                 return way, way.then
-    raise UserError(f"no free place to stand was found within {FURTHEST * size:.2f} m of [{x:.2f}, {z:.2f}]")
+    raise UserError(f"nowhere within {FURTHEST * size:.2f} m of {where} can somebody stand: {why}")
 
 
 def _told(
@@ -184,7 +197,7 @@ def _told(
     return (*before, Prompt(f"a person {turns}.", begin), Prompt(says, then)), then, then + seconds
 
 
-def _before(way: Act | None, begin: float) -> tuple[Term, ...]:
+def _before(way: Act | None) -> tuple[Term, ...]:
     return () if way is None else tuple(term.during(0.0, way.seconds) for term in way.terms)
 
 
