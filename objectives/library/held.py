@@ -24,6 +24,8 @@ from scenes.world.moving import MovingObject
 Hand = Literal["left", "right", "both"]
 PALM = 0.27
 """Share of the forearm by which the palm's middle is beyond the wrist (`scenes.body.body`)."""
+_LOOSE = 0.01
+"""Metres by which a palm may be off its side of a thing for nothing."""
 _SHOWN = 0.03
 """Radius (m) of the ball that shows where its middle shall be."""
 _CORNERS = 3
@@ -106,7 +108,7 @@ class Grip:
         return (surface * (high - low) / 2) @ self.rest[1].T
 
 
-@goal(unit="m", kernel="squared", reduction="mean", scale=200.0, tolerance=0.03, local=True)
+@goal(unit="m", kernel="squared", reduction="sum", scale=200.0, tolerance=0.03, local=True)
 def hold(
     motion: Motion,
     context: Context,
@@ -125,7 +127,8 @@ def hold(
     The thing's middle is at c_t = h_t + R(a_t) o, with h_t the palm, or the middle of both palms, a_t the pelvis's
     heading and o = (left, up, forward); it turns about the vertical as the pelvis does. Residuals, m: how deep the
     deepest of 26 points of its box is in the scene, max(0, -min_p phi(p)); with both hands, how far each palm is from
-    its side of the box; and |c_t - position|. Ours; no paper states it. The scale is that of `joint_target`.
+    its side of the box, beyond 1 cm; and |c_t - position|. Ours; no paper states it. The scale is that of
+    `joint_target`.
 
     While some goal of a task holds a thing, it is not where it rested, and after the last one it stays where that
     put it.
@@ -150,7 +153,8 @@ def hold(
     if hand == "both":
         aside = turned_about_y(middle.new_tensor([1.0, 0.0, 0.0]), heading(motion, ("hip",))) * float(grip.halves[0])
         palms = grip.palms(motion)
-        parts += [length(palms[side] - middle - sign * aside) for side, sign in (("left", 1.0), ("right", -1.0))]
+        off = [length(palms[side] - middle - sign * aside) for side, sign in (("left", 1.0), ("right", -1.0))]
+        parts += [(each - _LOOSE).clamp_min(0) for each in off]
         labels += ["left grip", "right grip"]
     if position is not None:
         parts.append(length(middle - middle.new_tensor(position)))

@@ -34,6 +34,9 @@ SHARE = 0.5
 """Share of the samples that go on after a part, at most: those with the fewest parts missed. Each of them goes on as
 often as to make up for the others. Ours."""
 
+ENOUGH = 0.75
+"""Share of the samples that meet a part's goals at which the search for the others ends, more than go on. Ours."""
+
 
 @dataclass(frozen=True)
 class Begun:
@@ -113,7 +116,8 @@ class Search:
         for k, (first, end) in enumerate(parts):
             tell = self._telling(k, len(parts))
             before = self._best(begun) if begun else []
-            made = self._onward(before, k, end - first, tell) if before else self._first(end, tell)
+            how = self._solver(last=k == len(parts) - 1)
+            made = self._onward(before, k, end - first, how, tell) if before else self._first(end, how, tell)
             begun = list(self._judged(before, made))
             if made.solution is not None:
                 passes, solver = passes + made.solution.evaluations, made.solution.solver
@@ -133,22 +137,28 @@ class Search:
         few = good[: math.ceil(SHARE * self.samples)]
         return [few[k % len(few)] for k in range(self.samples)]
 
-    def _first(self, frames: int, tell: Progress) -> Made:
+    def _solver(self, last: bool) -> SolverSettings:
+        """How a part is searched: but for the last, not all samples need meet its goals, as some are given up."""
+        if last or self.solver.enough is not None:
+            return self.solver
+        return self.solver.model_copy(update={"enough": math.ceil(ENOUGH * self.samples)})
+
+    def _first(self, frames: int, solver: SolverSettings, tell: Progress) -> Made:
         """The first part, from the start on."""
         setup, seconds = self.setup, frames / self.generator.spec.fps
         goals = about(setup.objective, setup.context, self._standing(frames))
         return make(
             self.generator, self._prompts.within(0.0, seconds), seconds, setup.start, goals, setup.context,
-            solver=self.solver, guidance=self.guidance, free_start=self.free_start, samples=self.samples,
+            solver=solver, guidance=self.guidance, free_start=self.free_start, samples=self.samples,
             seed=self.seed, progress=tell,
         )  # fmt: skip
 
-    def _onward(self, before: Sequence[Begun], k: int, frames: int, tell: Progress) -> Made:
+    def _onward(self, before: Sequence[Begun], k: int, frames: int, solver: SolverSettings, tell: Progress) -> Made:
         """Part k after a beginning for each sample."""
         lead = Lead.of(unpadded(before[0].motion, torch.stack([one.motion.joints for one in before])), frames)
         seed = int(np.random.SeedSequence([self.seed, k]).generate_state(1)[0])
         return go_on(
-            self.generator, lead, self._prompts, self.setup.objective, self.setup.context, solver=self.solver,
+            self.generator, lead, self._prompts, self.setup.objective, self.setup.context, solver=solver,
             guidance=self.guidance, seed=seed, progress=tell,
         )  # fmt: skip
 

@@ -43,6 +43,8 @@ FURTHEST = 1.0
 """Metres from there to where somebody may have to stand before what is wide, as a table is."""
 LOW, HIGH = 0.35, 1.7
 """Heights (m) over the ground below which a thing is taken from above, and up to which an adult takes things."""
+LIFTED, CLEAR = 0.85, 0.1
+"""Metres over the ground, and over where it was, at which an adult's wrists are at least with what was lifted."""
 THICK = 0.12
 """Half of a thing's depth (m) that a hand gets over to hold it."""
 
@@ -66,12 +68,13 @@ def pick_up(world: World, state: State, *, what: str, hand: Hand = "right", seco
     gripped = _gripped(world, what, hand, wanted, float(rest[1]) - here.place[1])
     told, begin, lasts = _told(way, here, wanted, f"a person picks up {_thing(hand)}.", seconds)
     taken, place = begin + seconds / 2, [float(value) for value in rest]
-    takes = Term("hold", {**gripped, "position": place}, 20.0, at=taken, name="takes")
-    holds = Term("hold", gripped, 20.0, name="holds")
+    takes = Term("hold", {**gripped, "position": place}, 10.0, at=taken, name="takes")
+    holds = Term("hold", gripped, 5.0, name="holds")
     terms = (
         *_before(way), *(t.during(begin, lasts) for t in kept(here, seconds)),
         facing(wanted, (taken - 0.1, taken + 0.1)), takes, replace(holds, window=(taken, lasts)),
         upright(world, here.place[1], (lasts - 0.2, lasts)),
+        _lifted(world, hand, max(here.place[1] + LIFTED * world.body.size, place[1] + CLEAR), (lasts - 0.2, lasts)),
     )  # fmt: skip
     then = replace(here.facing(wanted), holds=(holds,))
     return Act(told, lasts, then, terms, None if way is None else way.path, _hands(hand, (begin, lasts)))
@@ -131,6 +134,13 @@ def put_down(
     )  # fmt: skip
     then = replace(here.facing(wanted), holds=(), put=(*state.put, state.held))
     return Act(told, lasts, then, terms, None if way is None else way.path, _hands(hand, (begin, lasts)))
+
+
+def _lifted(world: World, hand: Hand, height: float, window: tuple[float, float]) -> Term:
+    """The wrists of the hands that hold something at a height (m, world) or above."""
+    wrists = [f"{side}_wrist" for side in (("left", "right") if hand == "both" else (hand,))]
+    asked: dict[str, Any] = {"limit": height, "mode": "above", "joints": wrists}
+    return Term("height_limit", asked, 20.0, tolerance=0.05, window=window, name="lifted")
 
 
 def _within_reach(world: World, state: State, what: str, height: float) -> None:
