@@ -101,7 +101,8 @@ class SeamStep(MappedStep):
 
 
 def _after(before: Motion, unknown: Bool[Tensor, " T"], made: Motion) -> Motion:
-    return settled(before, made, unknown, SOON)
+    # A cubic carries joints and not bones, whose lengths a search must know: they decide how deep a foot is.
+    return rigid(settled(before, made, unknown, SOON), before.skeleton)
 
 
 def go_on(
@@ -188,7 +189,5 @@ def _levelled(objective: Objective) -> Callable[[Motion], Motion]:
 
 
 def _new(made: Motion, lead: Lead) -> Motion:
-    """The new frames ``[S, n, J, 3]`` of a made window, on the bones of those before."""
-    first = lead.motion.frames
-    # Bones that a cubic carries change their lengths by little; their directions stay.
-    return rigid(unpadded(made, made.joints[:, first:], t0=lead.begin), lead.motion.skeleton)
+    """The new frames ``[S, n, J, 3]`` of a made window."""
+    return unpadded(made, made.joints[:, lead.motion.frames :], t0=lead.begin)
