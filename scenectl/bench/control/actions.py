@@ -140,7 +140,7 @@ class _Looked:
 
     @classmethod
     def at(cls, made: Made, drawn: Drawn, classifier: KindClassifier) -> _Looked:
-        setup, scorer = drawn.setup, drawn.room.scorer
+        setup, scorer = drawn.setup, drawn.room.scorer.within(drawn.setup.scene)
         counted, motion = setup.objective.counted, made.motion[0].seen_from(setup.origin)
         exempt = tuple(one for term in counted for one in term.exemptions)
         rests = tuple(term.support for term in counted if term.support is not None)

@@ -41,6 +41,8 @@ FAR = 0.62
 bends or leans gets further (`hands.REACH`)."""
 FURTHEST = 1.0
 """Metres from there to where somebody may have to stand before what is wide, as a table is."""
+LEANING, TRIES = 2.0, 8
+"""Metres that somebody walks rather than to stand a metre further away, and places to which ways are looked for."""
 LOW, HIGH = 0.35, 1.7
 """Heights (m) over the ground below which a thing is taken from above, and up to which an adult takes things."""
 LIFTED, CLEAR = 0.85, 0.1
@@ -174,24 +176,21 @@ def _beside(world: World, state: State, point: tuple[float, float, float]) -> tu
     size = world.body.size
     if math.dist(state.place[::2], point[::2]) <= FAR * size:
         return None, state
-    area, x, z = world.area(*room_of(world.body)), point[0], point[2]
-    angles = (
-        state.towards(x, z)
-        + math.pi
-        + np.array([0.0, *(s * a for a in np.arange(1, 13) * math.pi / 12 for s in (1, -1))])
-    )
-    where, why = f"[{x:.2f}, {z:.2f}]", "no free place to stand"
+    area, (x, _, z), here = world.area(*room_of(world.body)), point, state.place
+    found, why = list[tuple[float, tuple[float, float, float]]](), "no free place to stand"
     for away in np.arange(0.35 * size, FURTHEST * size, 0.1):
-        for angle in angles[::2]:
-            place = (x + float(away * np.sin(angle)), state.place[1], z + float(away * np.cos(angle)))
+        for angle in np.arange(0.0, 2 * math.pi, math.pi / 12):
+            place = (x + float(away * np.sin(angle)), here[1], z + float(away * np.cos(angle)))
             if area.free(place):
-                try:
-                    way: Act = walk(world, state, to=Point(*place))
-                except UserError as error:  # as on the other side of a wall
-                    why = str(error)
-                    continue
-                return way, way.then
-    raise UserError(f"nowhere within {FURTHEST * size:.2f} m of {where} can somebody stand: {why}")
+                found.append((math.dist(here, place) + LEANING * float(away), place))
+    for _, place in sorted(found)[:TRIES]:
+        try:
+            way: Act = walk(world, state, to=Point(*place))
+        except UserError as error:  # as on the other side of a wall
+            why = str(error)
+            continue
+        return way, way.then
+    raise UserError(f"nowhere within {FURTHEST * size:.2f} m of [{x:.2f}, {z:.2f}] can somebody stand: {why}")
 
 
 def _told(
