@@ -29,6 +29,8 @@ SLOWER = {"forwards": 1.0, "backwards": 0.6, "sideways": 0.5}
 STARTS = 0.5
 """Seconds that it takes to get going from where one stands, about as long as in the starts found in recordings
 (`scenectl bench data` draws them). Ours."""
+ONE_STEP = 0.35
+"""Seconds that each step up or down takes besides: with 0.3 m of tread at the usual pace, about 0.6 s a step. Ours."""
 OUT = 0.6
 """Metres within which somebody who stands close to a thing, as in front of a seat, steps away from it."""
 AHEAD = 0.4
@@ -71,7 +73,9 @@ def walk(
     offset = _offset(how, first, state)
     way = between(first + offset - state.heading)
     begin = turning(way) if abs(way) > ABOUT else 0.0
-    lasts = seconds or begin + STARTS + length / (speed or pace) + BRAKE / 2 + STAND
+    lasts = (
+        seconds or begin + STARTS + length / (speed or pace) + ONE_STEP * len(climbs(path, STEP)) + BRAKE / 2 + STAND
+    )
     begin = min(begin, lasts / 2)
     if length > (most := FASTEST_WALK * world.body.size * 1.5) * (lasts - begin):
         raise UserError(
