@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from objectives import FloorPoint, Point, Term
-from scenectl.tasks.actions.state import State, World
+from scenectl.tasks.actions.state import Act, State, World
 from scenes.errors import UserError
 
 Place = Point | FloorPoint
@@ -49,6 +49,13 @@ def upright(world: World, ground: float, window: tuple[float, float]) -> Term:
     """The pelvis as high over the ground (m, world) as that of somebody who stands, or nearly."""
     tall: dict[str, Any] = {"limit": ground + UPRIGHT * world.body.size, "mode": "above", "joints": "pelvis"}
     return Term("height_limit", tall, 20.0, tolerance=0.05, window=window, name="upright")
+
+
+def on_the_way_there(way: Act | None) -> tuple[Term, ...]:
+    """Goals of the walk that an act begins with; nobody stands still at its end who goes on to do something there."""
+    if way is None:
+        return ()
+    return tuple(term.during(0.0, way.seconds) for term in way.terms if term.spec.name != "speed_limit")
 
 
 def free_hand(state: State, hand: str) -> None:

@@ -8,7 +8,17 @@ from typing import Any
 from objectives import Point, Term
 from objectives.library.contacts import OWNERS
 from scenectl.generators.prompts import Prompt
-from scenectl.tasks.actions.library._common import ABOUT, FULL, NEAR, Seconds, facing, side, turning, upright
+from scenectl.tasks.actions.library._common import (
+    ABOUT,
+    FULL,
+    NEAR,
+    Seconds,
+    facing,
+    on_the_way_there,
+    side,
+    turning,
+    upright,
+)
 from scenectl.tasks.actions.library.going import walk
 from scenectl.tasks.actions.registry import action
 from scenectl.tasks.actions.state import Act, State, World, turn as between
@@ -63,7 +73,7 @@ def sit(world: World, state: State, *, on: str | Point, seconds: Seconds = 3.0, 
     turns = "turns around" if abs(turned) > FULL else f"turns to the {side(turned)}"
     told = [Prompt(f"a person {turns}.", begin)] if down > begin else []
     told += [Prompt("a person sits down on a chair.", down), Prompt("a person sits on a chair.", rests)]
-    path, first = (None, ()) if way is None else (way.path, tuple(t.during(0.0, begin) for t in way.terms))
+    path, first = None if way is None else way.path, on_the_way_there(way)
     return Act((*before, *told), lasts, then, (*first, *terms), path, dict.fromkeys(THIGHS, (down, lasts)))
 
 

@@ -21,6 +21,7 @@ from scenectl.tasks.actions.library._common import (
     Speed,
     facing,
     kept,
+    on_the_way_there,
     side,
     turning,
     upright,
@@ -73,7 +74,7 @@ def pick_up(world: World, state: State, *, what: str, hand: Hand = "right", seco
     takes = Term("hold", {**gripped, "position": place}, 10.0, at=taken, name="takes")
     holds = Term("hold", gripped, 5.0, name="holds")
     terms = (
-        *_before(way), *(t.during(begin, lasts) for t in kept(here, seconds)),
+        *on_the_way_there(way), *(t.during(begin, lasts) for t in kept(here, seconds)),
         facing(wanted, (taken - 0.1, taken + 0.1)), takes, replace(holds, window=(taken, lasts)),
         upright(world, here.place[1], (lasts - 0.2, lasts)),
         _lifted(world, hand, max(here.place[1] + LIFTED * world.body.size, place[1] + CLEAR), (lasts - 0.2, lasts)),
@@ -130,7 +131,7 @@ def put_down(
         "hold", {**gripped, "position": place, "turned": wanted}, 60.0, tolerance=tolerance, at=left, name="puts"
     )
     terms = (
-        *_before(way), *(t.during(begin, lasts) for t in kept(here, seconds)),
+        *on_the_way_there(way), *(t.during(begin, lasts) for t in kept(here, seconds)),
         facing(wanted, (left - 0.1, left + 0.1)), replace(state.holds[0], window=(0.0, left)), puts,
         upright(world, here.place[1], (lasts - 0.2, lasts)),
     )  # fmt: skip
@@ -204,10 +205,6 @@ def _told(
     turns = "turns around" if abs(turned) > FULL else f"turns to the {side(turned)}"
     then = begin + turning(turned)
     return (*before, Prompt(f"a person {turns}.", begin), Prompt(says, then)), then, then + seconds
-
-
-def _before(way: Act | None) -> tuple[Term, ...]:
-    return () if way is None else tuple(term.during(0.0, way.seconds) for term in way.terms)
 
 
 def _thing(hand: Hand) -> str:
