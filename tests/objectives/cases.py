@@ -174,8 +174,9 @@ EXAMPLES: dict[str, list[Example]] = {
         lambda s: {"parts": ["right_hand", "right_foot"], "window": [0.1 + s, 0.3 + s]},
     ],
     "hold": [
+        lambda s: {"object": "box", "hand": "left", "position": [0.2, 1.0, 0.2]},
+        lambda s: {"object": "box", "hand": "left", "position": [0.3, 1.1, 0.2], "at": 0.2 + s, "turned": 0.3},
         lambda s: {"object": "box", "hand": "left", "left": -0.4, "up": -0.35, "forward": 0.25},
-        lambda s: {"object": "box", "hand": "left", "position": [0.2, 1.0, 0.2], "at": 0.2 + s},
         lambda s: {"object": "box", "hand": "both", "facing": 0.4, "window": [0.1 + s, 0.3 + s]},
     ],
     "foot_contact": [lambda s: {"threshold": 0.01}, lambda s: {"threshold": 0.01, "each": True}],

@@ -64,18 +64,23 @@ class _State:
 
 
 @dataclass(frozen=True)
-class _Place:
+class Placing:
     """Puts features ``[S, T, c]`` into the world, cut to the frames that were asked for; see `_State`."""
 
     frames: int
     start: Pose2D
     kept: Kept | None
 
+    @classmethod
+    def of(cls, state: _State) -> Placing:
+        """Of a generation."""
+        return cls(state.frames, state.start, state.kept)
+
     def __call__(self, features: Float[Tensor, "S T c"]) -> Motion:
         motion = Motion(features_to_joints(features[:, : self.frames]), fps=FPS)
         return motion.placed(self.start) if self.kept is None else self.kept.placed(motion)
 
-    def take(self, samples: Int[Tensor, " s"]) -> _Place:
+    def take(self, samples: Int[Tensor, " s"]) -> Placing:
         return self if self.kept is None else replace(self, kept=self.kept.take(samples))
 
 
@@ -242,8 +247,7 @@ class MSCoT:
 
     def _step(self, state: _State, value: Tensor, latent: Callable[[Tensor], Tensor]) -> Step:
         """A step whose value leads to the latent of the whole motion."""
-        place = _Place(state.frames, state.start, state.kept)
-        return step_of(self.bundle.tokenizer, value, latent, place, self._rough)
+        return step_of(self.bundle.tokenizer, value, latent, Placing.of(state), self._rough)
 
     def _scale_step(self, state: _State, value: Float[Tensor, "S M d"], k: int) -> Step:
         """A step whose value holds the embeddings of scale k, the next one."""

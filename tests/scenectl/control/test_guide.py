@@ -12,7 +12,7 @@ from objectives import Assessed, Context, Objective, Term
 from scenectl.control import GuidanceSettings, ObjectiveGuide, Refined, SolverSettings, refine
 from scenectl.generators.base import Guide, Step
 from scenectl.generators.mscot.keeping import covering
-from scenectl.generators.mscot.sampling import MSCoT, _State
+from scenectl.generators.mscot.sampling import MSCoT, Placing, _State
 from scenectl.generators.steps import DecodedStep
 from scenes.body.body import DEFAULT_BODY
 from scenes.mesh.primitives import Box
@@ -41,7 +41,7 @@ def step(samples: int = 2, finest: int = 6, exact: bool = False) -> DecodedStep:
     state = _State(4 * finest - 2, covering(finest), START, [], [], [])
 
     def decoder(value: Tensor) -> Motion:
-        return generator._placed(state, decode(generator._latent(state, list(value.split(list(lengths), dim=1)))))
+        return Placing.of(state)(decode(generator._latent(state, list(value.split(list(lengths), dim=1)))))
 
     return DecodedStep(torch.cat(codes, dim=1), decoder)
 

@@ -10,7 +10,7 @@ from scenectl.control.solvers.problem import Linearisation
 from scenectl.control.solvers.residuals import Residuals
 from scenectl.generators.base import Step
 from scenectl.generators.mscot.keeping import covering
-from scenectl.generators.mscot.sampling import MSCoT, _State
+from scenectl.generators.mscot.sampling import MSCoT, Placing, _State
 from scenectl.generators.steps import DecodedStep, LatentStep
 from scenes.motion.motion import Pose2D
 from tests.objectives.cases import context
@@ -42,7 +42,7 @@ def pair() -> tuple[LatentStep, DecodedStep]:
     step = generator._step(state, value, lambda v: generator._latent(state, embeddings(v)))
     assert isinstance(step, LatentStep)
     decode = generator.bundle.tokenizer.decode_latent
-    return step, DecodedStep(value, lambda v: generator._placed(state, decode(generator._latent(state, embeddings(v)))))
+    return step, DecodedStep(value, lambda v: Placing.of(state)(decode(generator._latent(state, embeddings(v)))))
 
 
 def test_both_keep_the_protocol_and_decode_alike() -> None:

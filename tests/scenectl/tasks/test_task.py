@@ -39,7 +39,7 @@ def coarse(task: Task) -> Task:
 def test_examples_are_valid(path: Path) -> None:
     problem = coarse(load_task(path)).build()
     assert problem.objective.counted
-    walks = "[walk]" in path.read_text() or 'do = "walk"' in path.read_text()
+    walks = "[walk]" in path.read_text() or any(f'do = "{do}"' in path.read_text() for do in ("walk", "climb", "carry"))
     assert (problem.path is not None) == walks
 
 

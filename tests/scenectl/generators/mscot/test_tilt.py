@@ -11,7 +11,7 @@ from torch import Tensor
 from scenectl.generators.base import Step
 from scenectl.generators.mscot.keeping import covering
 from scenectl.generators.mscot.posterior import exact_tilt
-from scenectl.generators.mscot.sampling import MSCoT, _State
+from scenectl.generators.mscot.sampling import MSCoT, Placing, _State
 from scenectl.generators.mscot.settings import Sampling
 from scenectl.generators.steps import DecodedStep
 from scenes.motion.motion import Motion, Pose2D
@@ -63,7 +63,7 @@ def decoded(generator: MSCoT, state: _State, embeddings: list[Tensor]) -> Motion
     latent = generator.quantiser.latent(embeddings, state.finest)
     if isinstance(generator, Linear):
         return generator._moved(latent)
-    return generator._placed(state, generator.bundle.tokenizer.decode_latent(latent))
+    return Placing.of(state)(generator.bundle.tokenizer.decode_latent(latent))
 
 
 def situation(generator: MSCoT, k: int, spread: float = 1.0) -> tuple[_State, Tensor, DecodedStep]:
