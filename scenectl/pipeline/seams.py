@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 
 import torch
 from jaxtyping import Bool, Float
@@ -34,7 +34,7 @@ def settled(original: Motion, made: Motion, regenerate: Bool[Tensor, " T"], fram
     return replace(made, joints=made.joints + carried.unflatten(-1, offset.shape[-2:]))
 
 
-@cache
+@lru_cache(maxsize=16)  # of the windows in use: chains of motions meet new lengths for ever
 def _carrying(regenerate: tuple[bool, ...], frames: int) -> Float[Tensor, "T T"]:
     """How much of the difference at every frame is added at every other: all of it where a motion is kept."""
     mask = torch.tensor(regenerate)
