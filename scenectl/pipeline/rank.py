@@ -29,9 +29,7 @@ def ranked(
         before = None if unrefined is None else objective.cost(unrefined, context)
         changes = None if unrefined is None else pose_change(unrefined, motion)
     terms = objective.report(motion, context)
-    exempt = tuple(one for term in objective.counted for one in term.exemptions)
-    rests = tuple(term.support for term in objective.counted if term.support is not None)
-    judge = Judge(scorer, setup.prompts, exempt, rests)
+    judge = Judge.of(scorer, setup.prompts, objective)
     rows = []
     for index in range(len(motion.joints)):
         one = motion[index]

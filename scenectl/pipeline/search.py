@@ -189,10 +189,8 @@ class Search:
 
     @cached_property
     def _judge(self) -> Judge:
-        terms = self.setup.objective.counted
-        exempt = tuple(one for term in terms for one in term.exemptions)
-        rests = tuple(term.support for term in terms if term.support is not None)
-        return Judge(Scorer(self.setup.scene, self.setup.body, baked=True), self.setup.prompts, exempt, rests)
+        scorer = Scorer(self.setup.scene, self.setup.body, baked=True)
+        return Judge.of(scorer, self.setup.prompts, self.setup.objective)
 
     @cached_property
     def _prompts(self) -> Prompts:

@@ -141,10 +141,7 @@ class _Looked:
     @classmethod
     def at(cls, made: Made, drawn: Drawn, classifier: KindClassifier) -> _Looked:
         setup, scorer = drawn.setup, drawn.room.scorer.within(drawn.setup.scene)
-        counted, motion = setup.objective.counted, made.motion[0].seen_from(setup.origin)
-        exempt = tuple(one for term in counted for one in term.exemptions)
-        rests = tuple(term.support for term in counted if term.support is not None)
-        judge = Judge(scorer, setup.prompts, exempt, rests)
+        motion, judge = made.motion[0].seen_from(setup.origin), Judge.of(scorer, setup.prompts, setup.objective)
         return cls(made, drawn, motion, judge, scorer.depths(motion), classifier)
 
     def rows(self) -> list[Row]:

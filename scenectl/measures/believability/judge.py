@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from objectives import Objective
 from scenectl.generators.prompts import Prompts
 from scenectl.measures.believability.checks import CHECKS
 from scenectl.measures.believability.checks.check import Check, Found
@@ -37,6 +38,13 @@ class Judge:
     prompt: Prompts | str = ""
     exemptions: tuple[Exemption, ...] = ()
     supports: tuple[Support, ...] = ()
+
+    @classmethod
+    def of(cls, scorer: Scorer, prompt: Prompts | str, objective: Objective) -> Judge:
+        """The judge of a task, whose goals say what may touch the scene and what of the body rests on something."""
+        exempt = tuple(one for term in objective.counted for one in term.exemptions)
+        rests = tuple(term.support for term in objective.counted if term.support is not None)
+        return cls(scorer, prompt, exempt, rests)
 
     def verdict(self, motion: Motion, depths: Depths | None = None) -> Verdict:
         """The verdict on one motion, ``[T, J, 3]`` in the scene's frame; `depths` are the scorer's where known.
