@@ -25,7 +25,7 @@ is told of somebody who sits down shall not be the last moments of it and then s
 
 ACT_BY_ACT = 3 / 4
 """Share of the windows of several acts that are told act by act: that is how a generator is told them
-(`scenectl.generators.spec.check_request`); one sentence about all of them is left to those that can't be taken apart."""
+(`scenectl.generators.spec.check_request`); one sentence about all is left to those that can't be taken apart."""
 
 _BATCH = 64
 """Texts that are encoded at once."""
