@@ -27,7 +27,8 @@ def load_generator(
         name: of a registered family (`scenectl.generators.registry`).
         weights: name of bundled weights, or a folder; "default" is the family's own.
         threads: of the CPU that torch uses from now on; by default one while motions are made (`scenectl.threads`).
-        sampling: the family's settings (for MSCoT: `cfg`, `temperature`, `top_p`, `clip_nats`, `clip_coarsest`).
+        sampling: the family's settings (for MSCoT: `cfg`, `cfg_coarsest`, `temperature`, `top_p`, `clip_nats`,
+            `clip_coarsest`).
 
     Raises:
         UserError: unknown generator or setting, missing or damaged weights.

@@ -233,7 +233,7 @@ class MSCoT:
         twice = [torch.cat([e, e]) for e in map(state.windows.rows, state.codes)]
         both = self.bundle.transformer.predict(self.quantiser, text, twice, k, state.finest, cache)
         told, untold = both.chunk(2)
-        logits = untold + self.sampling.cfg * (told - untold)
+        logits = untold + cfg_at(self.sampling, k, self.quantiser.scales) * (told - untold)
         return state.windows.series((logits / self.sampling.temperature).log_softmax(-1))
 
     def _guided(self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide) -> Float[Tensor, "S L_k V"]:
@@ -278,6 +278,12 @@ class MSCoT:
             return self._latent(state, parts if metric is None else metric.embeddings(parts))
 
         return self._step(state, value, latent)
+
+
+def cfg_at(sampling: Sampling, k: int, scales: int) -> float:
+    """Classifier-free guidance weight at scale k of `scales`."""
+    finer = k / max(1, scales - 1)
+    return sampling.cfg * (sampling.cfg_coarsest + (1 - sampling.cfg_coarsest) * finer)
 
 
 def _sample(logits: Float[Tensor, "S L V"], top_p: float, draw: torch.Generator) -> Int[Tensor, "S L"]:

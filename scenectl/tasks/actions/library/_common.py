@@ -48,7 +48,7 @@ def facing(heading: float, window: tuple[float, float], within: float = 20.0, we
 def upright(world: World, ground: float, window: tuple[float, float]) -> Term:
     """The pelvis as high over the ground (m, world) as that of somebody who stands, or nearly."""
     tall: dict[str, Any] = {"limit": ground + UPRIGHT * world.body.size, "mode": "above", "joints": "pelvis"}
-    return Term("height_limit", tall, 20.0, tolerance=0.05, window=window, name="upright")
+    return Term("height_limit", tall, 200.0, tolerance=0.05, window=window, name="upright")
 
 
 def on_the_way_there(way: Act | None) -> tuple[Term, ...]:

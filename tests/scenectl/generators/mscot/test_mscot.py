@@ -13,7 +13,7 @@ from scenectl.generators.base import Guide, Step
 from scenectl.generators.mscot.keeping import covering
 from scenectl.generators.mscot.networks.transformer import Cache
 from scenectl.generators.mscot.posterior import Scale, clip_at, clipped, tilted
-from scenectl.generators.mscot.sampling import MSCoT, _sample, _State
+from scenectl.generators.mscot.sampling import MSCoT, _sample, _State, cfg_at
 from scenectl.generators.mscot.settings import Sampling
 from scenectl.generators.prompts import Prompt, Prompts
 from scenectl.networks.text import TimedText
@@ -174,7 +174,7 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     made = bundle()
     first: list[Tensor] = []
     for cfg in (0.0, 1.0, 2.0):
-        generator = MSCoT(made, Sampling(cfg=cfg, temperature=1.0))
+        generator = MSCoT(made, Sampling(cfg=cfg, cfg_coarsest=1.0, temperature=1.0))
         text = generator._text(Prompts.of("a person walks"), covering(10), 1)
         first.append(generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
@@ -183,6 +183,21 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     untold = transformer.predict(q, none, [], 0, 10)
     for got, wanted in zip(first, (untold, told, 2 * told - untold), strict=True):
         torch.testing.assert_close(got, wanted.log_softmax(-1), atol=1e-4, rtol=1e-4)
+
+
+def test_classifier_free_guidance_falls_evenly_from_the_coarsest_scale_to_the_finest() -> None:
+    made = bundle()
+    weights = torch.tensor([cfg_at(Sampling(cfg=2.0, cfg_coarsest=2.5), k, 5) for k in range(5)])
+    torch.testing.assert_close(weights, torch.linspace(5.0, 2.0, 5))
+    assert {cfg_at(Sampling(cfg=3.0, cfg_coarsest=1.0), k, 5) for k in range(5)} == {3.0}
+    assert cfg_at(Sampling(cfg=2.0, cfg_coarsest=2.5), 0, 1) == 5.0
+
+    def coarsest(**sampling: float) -> Tensor:
+        generator = MSCoT(made, Sampling(temperature=1.0, **sampling))
+        text = generator._text(Prompts.of("a person walks"), covering(10), 1)
+        return generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache())
+
+    torch.testing.assert_close(coarsest(cfg=2.0, cfg_coarsest=1.5), coarsest(cfg=3.0, cfg_coarsest=1.0))
 
 
 def test_a_low_temperature_leaves_no_choice() -> None:
