@@ -50,10 +50,16 @@ class Objective:
 
     def cost(self, motion: Motion, context: Context) -> Float[Tensor, "*b"]:
         """Cost of every sample; differentiable in the motion's joints, zero where every goal is met."""
+        return self.judge(motion, context)[0]
+
+    def judge(self, motion: Motion, context: Context) -> tuple[Float[Tensor, "*b"], Bool[Tensor, "*b"]]:
+        """`cost` and `met`, every goal evaluated once."""
         total = motion.joints[..., :0].sum((-3, -2, -1))  # a zero that autograd knows, whatever the terms
+        all_met = torch.ones(motion.joints.shape[:-3], dtype=torch.bool, device=motion.joints.device)
         for term in self.counted:
-            total = total + term.cost(motion, context)
-        return total
+            cost, met = term.judge(motion, context)
+            total, all_met = total + cost, all_met & met
+        return total, all_met
 
     def residuals(self, motion: Motion, context: Context) -> list[Float[Tensor, "*b _F _k"]]:
         """Weighted rows for least-squares solvers, one block for each term (see `Term.block`).
@@ -75,10 +81,7 @@ class Objective:
     @torch.no_grad()
     def met(self, motion: Motion, context: Context) -> Bool[Tensor, "*b"]:
         """Which samples have every term within its tolerance."""
-        met = torch.ones(motion.joints.shape[:-3], dtype=torch.bool, device=motion.joints.device)
-        for term in self.counted:
-            met = met & term.met(motion, context)
-        return met
+        return self.judge(motion, context)[1]
 
     @torch.no_grad()
     def report(self, motion: Motion, context: Context) -> list[list[TermReport]]:

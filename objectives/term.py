@@ -350,6 +350,11 @@ class Term:
         """Which samples have every active entry within the tolerance, and one at least."""
         return self._met(self.evaluate(motion, context))
 
+    def judge(self, motion: Motion, context: Context) -> tuple[Float[Tensor, "*b"], Bool[Tensor, "*b"]]:
+        """`cost` and `met` of one evaluation."""
+        found = self.evaluate(motion, context)
+        return self._cost(found), self._met(found)
+
     def assess(self, motion: Motion, context: Context) -> Assessed:
         """`block`, `cost` and `met` of one evaluation, the last two without a gradient."""
         found = self.evaluate(motion, context)
@@ -363,7 +368,7 @@ class Term:
 
     def _met(self, found: Evaluated) -> Bool[Tensor, "*b"]:
         # Written so that what is not a number never passes.
-        within_tolerance = (found.square.sqrt() <= self.allowed) | ~found.mask
+        within_tolerance = (found.square.detach().sqrt() <= self.allowed) | ~found.mask
         return within_tolerance.flatten(-2).all(-1) & found.mask.flatten(-2).any(-1)
 
     def block(self, motion: Motion, context: Context) -> Float[Tensor, "*b F k"]:

@@ -16,7 +16,7 @@ from torch import Tensor
 from objectives import Context, Objective
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
-from scenectl.control.solvers.problem import Problem
+from scenectl.control.solvers.problem import Problem, judged
 from scenectl.control.thresholds import THRESHOLDS, Thresholds
 from scenectl.generators.base import Step
 from scenectl.generators.steps import AroundStep
@@ -60,7 +60,7 @@ class FreeStart:
         begin[:, -1] = yaws.to(begin) * (2 * torch.pi / headings)
 
         def least(goals: Objective, still: Motion, begin: Float[Tensor, "R 3"], steps: int) -> Float[Tensor, "R 3"]:
-            problem = Problem(lambda moves: goals.cost(self.moved(still, moves), context), begin)
+            problem = Problem(judged(lambda moves: goals.cost(self.moved(still, moves), context)), begin)
             return minimise(problem, _FIT.model_copy(update={"iterations": steps}), thresholds).value
 
         pulling = Objective(tuple(t for t in objective.counted if t.spec.pulls))

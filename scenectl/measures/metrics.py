@@ -27,6 +27,9 @@ from scenes.world.scene import SAME, Scene
 
 FLOOR_BAND = 0.06
 """Level triangles within this height of the floor (m) are floor and not obstacle: scans, rugs and thresholds."""
+BESIDE = 0.1
+"""Metres from the body's surface from which on a scorer of what was baked leaves triangles alone: what rests on
+something is within half of that (`scenectl.measures.believability.judge.SUPPORTED`). Ours."""
 SHALLOW = 0.01
 """A frame counts as touching when something is deeper than this (m)."""
 
@@ -164,7 +167,8 @@ class Scorer:
 
     Attributes:
         scene, body: which ones.
-        baked: signs and depths are those of what was baked, for those who look at many motions.
+        baked: signs and depths are those of what was baked, for those who look at many motions; where nothing is near,
+            rooms are no more than what is free at least.
     """
 
     scene: Scene
@@ -185,7 +189,7 @@ class Scorer:
         times = np.repeat(motion.times.cpu().double().numpy(), count)
         radii = np.tile(self._radii, frames)
         everything = self._distance(flat, times) - radii
-        obstacles = self._obstacle_distance(flat, times, everything + radii) - radii
+        obstacles = self._obstacle_distance(flat, times, everything + radii, radii) - radii
         reach = self.scene.reached_from(_stand(motion)).reach
         beyond = np.zeros(len(flat)) if reach is None else reach.depth(flat)
         out = np.where(beyond > 0, -beyond - radii, np.inf)
@@ -216,8 +220,8 @@ class Scorer:
 
     def room(self, points: np.ndarray, times: np.ndarray, samples: np.ndarray) -> np.ndarray:
         """Distance (m) from the surface of samples of those numbers, at points and times (s), to any obstacle."""
-        points = np.ascontiguousarray(points)
-        return self._obstacle_distance(points, times, self._distance(points, times)) - self._radii[samples]
+        points, radii = np.ascontiguousarray(points), self._radii[samples]
+        return self._obstacle_distance(points, times, self._distance(points, times), radii) - radii
 
     def ground(self, motion: Motion) -> Float[Tensor, "*b T 2"]:
         """Height (m) of the ground under each foot in each frame: of the floor, a step or the storey that one is on."""
@@ -245,8 +249,10 @@ class Scorer:
             found: np.ndarray = self.scene.distance(torch.from_numpy(points), torch.from_numpy(times)).numpy()
         return found
 
-    def _obstacle_distance(self, points: np.ndarray, times: np.ndarray, signed: np.ndarray) -> np.ndarray:
-        """Signed distance (m) to obstacles; `signed` is that to everything, the floor included."""
+    def _obstacle_distance(
+        self, points: np.ndarray, times: np.ndarray, signed: np.ndarray, radii: np.ndarray
+    ) -> np.ndarray:
+        """Signed distance (m) from centres of spheres to obstacles; `signed` is that to everything and the floor."""
         tensor, when = torch.from_numpy(points), torch.from_numpy(times)
         best = np.full(len(points), np.inf)
         for shape in self.scene.primitives:
@@ -257,7 +263,8 @@ class Scorer:
         # Below the floor everything is solid; only above it does a negative sign mean the inside of an obstacle.
         inside = (signed < 0) & (points[:, 1] > self.scene.floor.height) & (best > 0)
         if self.surfaces:
-            unsigned = np.minimum.reduce([surface.unsigned_distance(points) for _, surface in self.surfaces])
+            unsigned, near = np.abs(signed), signed - radii < BESIDE if self.baked else np.ones(len(points), dtype=bool)
+            unsigned[near] = np.minimum.reduce([one.unsigned_distance(points[near]) for _, one in self.surfaces])
             best = np.minimum(best, np.where(inside, -unsigned, unsigned))
         for name, give in self.scene.soft.items():
             part = self.scene.part(name).distance_exact(points, times)

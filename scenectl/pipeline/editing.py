@@ -20,7 +20,7 @@ from torch import Tensor
 from scenectl.control import Figure, FigureGuide, ObjectiveGuide
 from scenectl.control.settings import SolverSettings
 from scenectl.control.solvers.choice import minimise
-from scenectl.control.solvers.problem import Problem
+from scenectl.control.solvers.problem import Problem, judged
 from scenectl.generators import registry
 from scenectl.generators.base import Draft, Generator, Guide, Progress, Step
 from scenectl.generators.prompts import Prompts
@@ -263,7 +263,8 @@ def refined(step: Step, guide: Guide, solver: SolverSettings) -> Motion:
     if solver.iterations == 0:
         return step.motion
     shape, start = step.value.shape, step.value.detach().flatten(1)
-    problem = Problem(lambda x: -guide.log_prob(step.at(x.unflatten(1, shape[1:]))), start, unit=step.unit)
+    cost = judged(lambda x: -guide.log_prob(step.at(x.unflatten(1, shape[1:]))))
+    problem = Problem(cost, start, unit=step.unit)
     return step.at(minimise(problem, solver).value.unflatten(1, shape[1:])).motion
 
 

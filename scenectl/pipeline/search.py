@@ -182,10 +182,9 @@ class Search:
         """Whether goals about a motion ``[T, J, 3]`` from the `first` frame on are missed, or it is not believable;
         and what they cost."""
         objective, context = self.setup.objective, self.setup.context
-        goals = about(objective, context, seen, first)
         with torch.no_grad():
-            cost, met = float(goals.cost(seen, context)), bool(goals.met(seen, context))
-        return int(not (met and self._judge.verdict(seen).believable)), cost
+            cost, met = about(objective, context, seen, first).judge(seen, context)
+        return int(not (met and self._judge.verdict(seen).believable)), float(cost)
 
     @cached_property
     def _judge(self) -> Judge:

@@ -115,8 +115,13 @@ def test_an_assessment_is_its_parts() -> None:
         Term("barrier", weight=0),
     ))  # fmt: skip
     found = objective.assess(motion, world)
-    torch.testing.assert_close(found.cost, objective.cost(motion, world))
-    assert torch.equal(found.met, objective.met(motion, world))
+    cost = sum((term.cost(motion, world) for term in objective.counted), start=torch.zeros(3))
+    met = torch.stack([term.met(motion, world) for term in objective.counted]).all(0)
+    for costs, all_met in ((found.cost, found.met), objective.judge(motion, world)):
+        torch.testing.assert_close(costs, cost)
+        assert torch.equal(all_met, met)
+    torch.testing.assert_close(objective.cost(motion, world), cost)
+    assert torch.equal(objective.met(motion, world), met)
     for rows, expected in zip(found.rows, objective.residuals(motion, world), strict=True):
         torch.testing.assert_close(rows, expected)
     empty = Objective().assess(motion, world)

@@ -86,9 +86,10 @@ class BodyCosts:
         """Which samples have every goal met by a body on its feet."""
         return self.goals.met(motion, context) & ~self.off_ground(motion, context)
 
-    def cost(self, motion: Motion, context: Context) -> Float[Tensor, " S"]:
-        """Of goals and body; differentiable in the motion's joints."""
-        return self.objective.cost(motion, context) + self._footing(motion, context).square().sum((-2, -1))
+    def judge(self, motion: Motion, context: Context) -> tuple[Float[Tensor, " S"], Bool[Tensor, " S"]]:
+        """Costs of goals and body, differentiable in the motion's joints, and what is `met`."""
+        cost, _ = self.objective.judge(motion, context)
+        return cost + self._footing(motion, context).square().sum((-2, -1)), self.met(motion, context)
 
     def assess(self, motion: Motion, context: Context) -> Assessed:
         """Goals and body as least squares; met where the goals are and the body is on its feet."""

@@ -91,20 +91,16 @@ class Setting:
         """The least cost of goals, and of the distance from where the search begins: by default at the step's value."""
         shape, settings = self.step.value.shape, settings or self.solver
 
-        def cost(x: Tensor) -> Tensor:
+        def judge(x: Tensor) -> tuple[Tensor, Tensor]:
             self.count()
-            return goals.cost(self.step.decode(x.view(shape)), self.context)
+            return goals.judge(self.step.decode(x.view(shape)), self.context)
 
         def linearise(x: Tensor) -> Residuals:
             self.count()
             return Residuals(goals, self.context, self._at(x.view(shape)))
 
-        def done(x: Tensor) -> Tensor:
-            with torch.no_grad():
-                return goals.met(self.step.decode(x.view(shape)), self.context)
-
         start = self.step.value.detach().flatten(1) if begin is None else begin.detach()
-        problem = Problem(cost, start, done, linearise, self.step.price, self.step.unit)
+        problem = Problem(judge, start, linearise, self.step.price, self.step.unit)
         return minimise(problem, settings, self.thresholds)
 
     def _at(self, value: Float[Tensor, "S *v"]) -> Step:

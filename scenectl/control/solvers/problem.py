@@ -19,6 +19,9 @@ from scenectl.generators.steps import LINEARISED
 Cost = Callable[[Float[Tensor, "S n"]], Float[Tensor, " S"]]
 """Costs of a batch of points, differentiable, each depending on its own point alone."""
 
+Judge = Callable[[Float[Tensor, "S n"]], tuple[Float[Tensor, " S"], Bool[Tensor, " S"]]]
+"""Costs of a batch of points, as `Cost`, and which of these are good enough to stop at."""
+
 Reason = Literal["met", "no progress", "budget", "abandoned", "lifted"]
 """Why a search ended: every term within its tolerance, no further decrease, all steps spent, enough other samples met,
 or a body held to the ground that goals would lift off it (`scenectl.control.refine.body_costs`)."""
@@ -54,8 +57,13 @@ class Linearisation(Protocol):
         ...
 
 
-def _never(x: Float[Tensor, "S n"]) -> Bool[Tensor, " S"]:
-    return torch.zeros_like(x[:, 0], dtype=torch.bool)
+def judged(cost: Cost, met: Callable[[Tensor], Bool[Tensor, " S"]] | None = None) -> Judge:
+    """A judge of costs, and of what says which points are `met`; without it none is good enough."""
+
+    def judge(x: Tensor) -> tuple[Tensor, Tensor]:
+        return cost(x), torch.zeros_like(x[:, 0], dtype=torch.bool) if met is None else met(x.detach())
+
+    return judge
 
 
 @dataclass(frozen=True)
@@ -63,17 +71,15 @@ class Problem:
     """Independent costs to be minimised from a start.
 
     Attributes:
-        cost: of the goals; solvers add the prior.
+        judge: costs of the goals, to which solvers add the prior, and whether they are met.
         start: where to begin, ``[S, n]``; the prior pulls towards it.
-        done: says of a batch of points which are good enough to stop at; a `Linearisation` knows it of its own.
-        linearise: the goals as least squares at a batch of points; without it only `cost` can be followed.
+        linearise: the goals as least squares at a batch of points; without it only costs can be followed.
         price: what products with the Jacobian cost, in passes (`Step.price`).
         unit: distance from the start that the prior counts as one (`Step.unit`).
     """
 
-    cost: Cost
+    judge: Judge
     start: Float[Tensor, "S n"]
-    done: Callable[[Tensor], Bool[Tensor, " S"]] = _never
     linearise: Callable[[Float[Tensor, "S n"]], Linearisation] | None = None
     price: Price = LINEARISED
     unit: float = 1.0
@@ -126,8 +132,31 @@ class Solution:
         return replace(self, reasons=reasons)
 
 
-_ASK_EVERY = 5
-"""Steps after which a problem is asked whether all is met: each costs a decoding."""
+@dataclass(frozen=True)
+class Point:
+    """Where the searches for a batch of samples are.
+
+    Attributes:
+        x: ``[S, n]``.
+        value: cost there, prior included; infinite where it is no number.
+        gradient: of the value, ``[S, n]``.
+        met: which are good enough to stop at.
+    """
+
+    x: Float[Tensor, "S n"]
+    value: Float[Tensor, " S"]
+    gradient: Float[Tensor, "S n"]
+    met: Bool[Tensor, " S"]
+
+    def moved(self, which: Bool[Tensor, " S"], other: Point) -> Point:
+        """With those of `which` at the other."""
+        rows = which[:, None]
+        return Point(
+            torch.where(rows, other.x, self.x),
+            torch.where(which, other.value, self.value),
+            torch.where(rows, other.gradient, self.gradient),
+            torch.where(which, other.met, self.met),
+        )
 
 
 class Search:
@@ -158,17 +187,16 @@ class Search:
         """The best so far, under the name of a solver."""
         return Solution(solver, self.value, self.cost, list(self.reasons), self.evaluations, tuple(self.history))
 
-    def evaluate(self, x: Float[Tensor, "S n"]) -> tuple[Float[Tensor, " S"], Float[Tensor, "S n"]]:
-        """Cost, prior included, and gradient; points that are not numbers count as infinitely bad."""
+    def evaluate(self, x: Float[Tensor, "S n"]) -> Point:
+        """Cost, prior included, gradient, and what is met; points that are not numbers count as infinitely bad."""
         x = x.detach().requires_grad_(True)
         with torch.enable_grad():
-            away = (x - self.start).square().sum(1) if self.prior else None
-            value = self.problem.cost(x)
-            value = value if away is None else value + self.prior * away
+            value, met = self.problem.judge(x)
+            value = value + self.prior * (x - self.start).square().sum(1) if self.prior else value
             (gradient,) = torch.autograd.grad(value.sum(), x)
         self.evaluations += 1
         value = torch.where(value.isfinite(), value, torch.full_like(value, torch.inf)).detach()
-        return value, torch.nan_to_num(gradient, 0.0, 0.0, 0.0)
+        return Point(x.detach(), value, torch.nan_to_num(gradient, 0.0, 0.0, 0.0), met)
 
     def linearise(self, x: Float[Tensor, "S n"]) -> tuple[Float[Tensor, " S"], Linearisation]:
         """Cost, prior included, and least-squares rows."""
@@ -179,11 +207,8 @@ class Search:
         value = found.cost + self.prior * (x - self.start).square().sum(1)
         return torch.where(value.isfinite(), value, torch.full_like(value, torch.inf)).detach(), found
 
-    def accept(self, x: Tensor, value: Tensor, met: Bool[Tensor, " S"] | None = None) -> None:
-        """Remember points that are better than any before, and retire samples that are done or stuck.
-
-        Where it is not known which points are `met`, the problem is asked now and then, as that costs a decoding.
-        """
+    def accept(self, x: Tensor, value: Tensor, met: Bool[Tensor, " S"]) -> None:
+        """Remember points that are better than any before, and retire samples that are done or stuck."""
         best = self.cost
         worthwhile = value < best - self.settings.progress * best.abs().nan_to_num(posinf=0.0)
         better = value < best
@@ -192,13 +217,14 @@ class Search:
         self.history.append(self.cost.clone())
         self.idle = torch.where(worthwhile | best.isinf(), torch.zeros_like(self.idle), self.idle + 1)
         self.retire(self.idle >= self.settings.patience, "no progress")
-        if met is not None:
-            self.retire(better & met, "met")
-        elif len(self.history) % _ASK_EVERY == 0:
-            self.retire(self.problem.done(self.value), "met")
+        self.retire(better & met, "met")
         enough = self.settings.enough
         if enough is not None and self.reasons.count("met") >= enough:
             self.retire(self.active.clone(), "abandoned")
+
+    def reach(self, at: Point) -> None:
+        """`accept` a point."""
+        self.accept(at.x, at.value, at.met)
 
     def retire(self, which: Bool[Tensor, " S"], reason: Reason) -> None:
         """Search no more for some samples."""

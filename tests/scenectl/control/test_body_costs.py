@@ -83,7 +83,7 @@ def test_a_foot_that_stood_in_the_floor_may_come_out_of_it() -> None:
         after = moved(deep, "left_foot", [0.0, height, 0.0], slice(20, 22))
         assert body.off_ground(after, CONTEXT).tolist() == [off, False]
         assert float(body.lift(after)[0]) == pytest.approx(height - 0.025)
-    assert float(body.lift(deep)[0]) < 0 and body.cost(deep, CONTEXT)[0] == body.cost(deep, CONTEXT)[1]
+    assert float(body.lift(deep)[0]) < 0 and body.judge(deep, CONTEXT)[0][0] == body.judge(deep, CONTEXT)[0][1]
 
 
 def test_a_foot_may_not_be_pushed_into_the_ground_whether_it_stood_or_not() -> None:
@@ -94,7 +94,7 @@ def test_a_foot_may_not_be_pushed_into_the_ground_whether_it_stood_or_not() -> N
         after = moved(before, "left_foot", [0.0, -depth, 0.0], slice(20, 22))
         assert body.off_ground(after, CONTEXT).tolist() == [off, False]
         assert body.off_ground(after, CONTEXT, 2.0).tolist() == [False, False] and float(body.lift(after)[0]) <= 0
-        assert float(body.cost(after, CONTEXT)[0]) > float(body.cost(before, CONTEXT)[0])
+        assert float(body.judge(after, CONTEXT)[0][0]) > float(body.judge(before, CONTEXT)[0][0])
     deep = moved(before, "left_foot", [0.0, -0.2, 0.0], slice(0, 40))
     there = BodyCosts.beside(deep, asked, CONTEXT)  # where the generator itself puts it
     assert not there.off_ground(deep, CONTEXT).any()
@@ -110,7 +110,7 @@ def test_padding_is_neither_lifted_nor_sunk() -> None:
     for height in (-1.0, 1.0):
         after = moved(before, "left_foot", [0.0, height, 0.0], slice(30, 40))
         assert not body.off_ground(after, CONTEXT).any()
-        torch.testing.assert_close(body.cost(after, CONTEXT), body.cost(before, CONTEXT))
+        torch.testing.assert_close(body.judge(after, CONTEXT)[0], body.judge(before, CONTEXT)[0])
 
 
 def test_goals_that_pull_weigh_more_and_let_go_of_what_is_far_off_and_walls_are_as_ever() -> None:
@@ -137,9 +137,12 @@ def test_its_rows_are_its_cost_where_nothing_is_held_back() -> None:
     body = BodyCosts.beside(before, Objective((Term("sdf_penetration", kernel="squared"),)), CONTEXT)
     found = body.assess(after, CONTEXT)
     squares = sum((rows.flatten(1).square().sum(1) for rows in found.rows), torch.zeros(2))
-    torch.testing.assert_close(squares.to(found.cost), body.cost(after, CONTEXT))  # no foot slides: nor is that held
-    torch.testing.assert_close(found.cost, body.cost(after, CONTEXT))
-    assert float(body.cost(after, CONTEXT)[0]) > float(body.cost(before, CONTEXT)[0])
+    # No foot slides: nor is that held.
+    torch.testing.assert_close(
+        squares.to(found.cost), body.judge(after, CONTEXT)[0]
+    )  # no foot slides: nor is that held
+    torch.testing.assert_close(found.cost, body.judge(after, CONTEXT)[0])
+    assert float(body.judge(after, CONTEXT)[0][0]) > float(body.judge(before, CONTEXT)[0][0])
 
 
 def test_a_target_out_of_reach_lifts_no_foot_and_is_named() -> None:

@@ -218,9 +218,9 @@ def test_leading_past_a_wall_that_makes_no_sense_there_is_given_up() -> None:
     """Where a goal is not a number wherever the others lead, refinement sets out from the generator's own value."""
 
     class Cliff(Objective):
-        def cost(self, motion: Motion, at: Context) -> Tensor:
-            z = motion.joints[:, :, 0, 2].mean(1)
-            return super().cost(motion, at) + torch.where(z < -0.5, torch.nan * z, (z - 0.1).square())
+        def judge(self, motion: Motion, at: Context) -> tuple[Tensor, Tensor]:
+            z, (cost, met) = motion.joints[:, :, 0, 2].mean(1), super().judge(motion, at)
+            return cost + torch.where(z < -0.5, torch.nan * z, (z - 0.1).square()), met
 
         def assess(self, motion: Motion, at: Context) -> Assessed:
             return Assessed([motion.joints[:, :1, 0, :1]], self.cost(motion, at), self.met(motion, at))

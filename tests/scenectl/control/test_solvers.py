@@ -13,7 +13,7 @@ from torch import Tensor
 from scenectl.control.settings import GuidanceSettings, SolverSettings
 from scenectl.control.solvers.choice import Choice, choose, minimise
 from scenectl.control.solvers.least_squares import levenberg_marquardt
-from scenectl.control.solvers.problem import Problem, Search, Solution
+from scenectl.control.solvers.problem import Problem, Search, Solution, judged
 from scenectl.generators.base import Price
 from scenectl.generators.steps import AUTOGRAD, LINEARISED
 
@@ -63,7 +63,7 @@ def solve(
 ) -> Solution:
     given = SolverSettings.model_validate({"name": name, "prior": 0.0, **settings})
 
-    return minimise(Problem(partial(cost_of, residual), start, done, lambda x: Dense(residual, x, done)), given)
+    return minimise(Problem(judged(partial(cost_of, residual), done), start, lambda x: Dense(residual, x, done)), given)
 
 
 def cost_of(residual: Rows, x: Tensor) -> Tensor:
@@ -277,7 +277,7 @@ def test_the_solver_is_chosen_by_the_rows_at_their_price(
     residual: Rows, columns: int, price: Price, chosen: str
 ) -> None:
     start = torch.full((2, columns), 2.5)
-    problem = Problem(partial(cost_of, residual), start, never, lambda x: Dense(residual, x), price)
+    problem = Problem(judged(partial(cost_of, residual)), start, lambda x: Dense(residual, x), price)
     settings = SolverSettings(iterations=30)
     choice = choose(problem, settings)
     assert choice == Choice(chosen, 3 if chosen == "gauss_newton" else 30)  # type: ignore[arg-type]
@@ -396,7 +396,7 @@ def test_many_walls_that_wake_are_left_to_lbfgs() -> None:
     def cost(x: Tensor) -> Tensor:
         return rows(x).square().sum(1)
 
-    problem = Problem(cost, torch.zeros(1, 1), never, lambda x: Counted(rows, x))
+    problem = Problem(judged(cost), torch.zeros(1, 1), lambda x: Counted(rows, x))
     got = minimise(problem, SolverSettings(name="lm", prior=0.0, progress=1e-9))
     best = cost(torch.linspace(0, 5, 5001)[:, None]).min()
     assert formed < 60 and float(got.cost) < 1.001 * float(best) and got.solver == "lbfgs"
@@ -416,7 +416,7 @@ def test_a_line_search_that_found_nothing_is_not_repeated() -> None:
         passes += 1
         return 1.0 + torch.where(x > 0, x, -3 * x).sum(1)
 
-    problem = Problem(kink, torch.zeros(1, 2), never)
+    problem = Problem(judged(kink), torch.zeros(1, 2))
     got = minimise(problem, SolverSettings(name="lbfgs", patience=10))
     assert got.reasons == ["no progress"] and passes <= 12
 
@@ -429,9 +429,25 @@ def test_reasons_name_what_ended_each_sample() -> None:
     assert got.reasons == ["met", "budget"]
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_search_ends_with_the_pass_that_meets_its_goals(name: str) -> None:
+    told: list[bool] = []
+
+    def done(x: Tensor) -> Tensor:
+        near = (x - CENTRES[:1]).norm(dim=1) < 1.0
+        told.append(bool(near))
+        return near
+
+    start = torch.tensor([[6.0, 5.0, -4.0]])
+    got = solve(quadratic, start, name, done, **({} if name in STEPLESS else {"step": 0.1}), iterations=200)
+    assert got.reasons == ["met"] and told[-1] and not any(told[:-1])
+    told.clear()
+    assert solve(quadratic, CENTRES[:1] + 0.1, name, done).reasons == ["met"] and len(told) == 1
+
+
 def test_a_solver_of_residuals_wants_residuals() -> None:
     with pytest.raises(TypeError, match="lm"):
-        minimise(Problem(lambda x: x.sum(1), torch.zeros(1, 2), never), SolverSettings(name="lm"))
+        minimise(Problem(judged(lambda x: x.sum(1)), torch.zeros(1, 2)), SolverSettings(name="lm"))
 
 
 @pytest.mark.parametrize("name", NAMES)

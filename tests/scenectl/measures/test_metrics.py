@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import torch
 from torch import Tensor
 
 from scenectl.measures.metrics import (
+    BESIDE,
     Scorer,
     bone_length_drift,
     lowest_sole,
@@ -150,6 +152,26 @@ def test_meshes_and_primitives_give_the_same_depths() -> None:
         a, b = analytic.depths(place(x)), meshed.depths(place(x))
         assert b.obstacles == pytest.approx(a.obstacles, abs=1e-4)
         assert b.floor == pytest.approx(a.floor, abs=1e-4)
+
+
+def test_what_is_baked_is_looked_at_near_the_body_alone() -> None:
+    scene = Scene(meshes=[Box((1.5, 1.0, 0.0), (1.0, 2.0, 4.0)).mesh()], floor=0.0, resolution=64, cache=None)
+    exact, baked = Scorer(scene), Scorer(scene, baked=True)
+    asked: list[int] = []
+
+    def counted(points: np.ndarray) -> np.ndarray:
+        asked.append(len(points))
+        return surface.unsigned_distance(points)
+
+    ((name, surface),) = baked.surfaces
+    vars(baked)["surfaces"] = ((name, SimpleNamespace(unsigned_distance=counted)),)
+    for x in (-1.0, 0.3, 0.7, 0.9, 1.2):
+        all_of_it, some = exact.depths(place(x)), baked.depths(place(x))
+        near = all_of_it.rooms < 0.9 * BESIDE
+        assert some.rooms[near] == pytest.approx(all_of_it.rooms[near], abs=1e-6)
+        assert (some.rooms[~near] > 0.8 * BESIDE).all() and (some.rooms <= all_of_it.rooms + 0.02).all()
+        assert some.obstacles == pytest.approx(all_of_it.obstacles, abs=1e-6)
+    assert asked[0] < 0.3 * some.rooms.size
 
 
 def test_moving_obstacles_are_met_when_they_come() -> None:
