@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from objectives.context import Context, Parted
+from objectives.marks import Mark
 from objectives.maths import length
 from objectives.parameters import NotNegative, Point
 from objectives.registry import Masked, goal
@@ -77,16 +78,21 @@ def contact(
     give = 0.0 if surface is None else context.give(surface)
     parts = [(nearest - within).clamp_min(0), (-nearest - give).clamp_min(0), slid]
     active, labels, targets = [motion.valid, motion.valid, steps], ["gap", "depth", "slide"], None
-    if position is not None:
-        place = middle.new_tensor(position)
+    place = None if position is None else middle.new_tensor(position)
+    if place is not None:
         parts.append((length(middle - place) - _OVER).clamp_min(0))
         active, labels = [*active, motion.valid], [*labels, "place"]
         free = torch.full_like(place, torch.nan)
         targets = torch.stack([free, free, free, place]).expand(*middle.shape[:-1], 4, 3)
+
+    def marks() -> list[Mark]:
+        touching = Mark("ball", middle.detach()[:, None], float(radius.max()), times=motion.times)
+        return [touching] if place is None else [touching, Mark("ball", place[None])]
+
     return Masked(
         torch.stack(parts, dim=-1), torch.stack(active, dim=-1), labels=[f"{part} ({what})" for what in labels],
         joints=[OWNERS[part][0]] * len(parts), points=middle[..., None, :].expand(*middle.shape[:-1], len(parts), 3),
-        targets=targets,
+        targets=targets, marks=marks,
     )  # fmt: skip
 
 

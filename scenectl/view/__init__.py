@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scenectl.view.moments import Shown
 from scenectl.view.picture import Picture
 from scenectl.view.window import open_window
 from scenes.body.body import DEFAULT_BODY
@@ -37,7 +38,11 @@ def of_result(result: Result, sample: int = 0) -> Picture:
 def of_setup(setup: Setup, motion: Motion) -> Picture:
     """One motion ``[T, J, 3]``, in the world, of a task that is built."""
     seen = motion.seen_from(setup.origin)
-    return Picture(setup.scene_of(seen), seen, setup.path, setup.objective, str(setup.prompts), setup.body)
+    acts = () if setup.script is None else setup.script.stretches
+    return Picture(
+        setup.scene_of(seen), seen, setup.path, setup.objective, str(setup.prompts), setup.body,
+        acts=[Shown(f"{one.entry.number} {one.entry.name}", one.begin, one.end) for one in acts],
+    )  # fmt: skip
 
 
 def of_motion(motion: Motion, title: str = "") -> Picture:

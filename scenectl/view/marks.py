@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,11 +34,20 @@ def draw_marks(stage: Plotter, marks: Sequence[Mark], ground: Ground, met: bool 
         draw_mark(stage, mark, places(mark, ground), met)
 
 
-def draw_moving_marks(stage: Plotter, marks: Sequence[Mark], ground: Ground, times: Sequence[float]) -> None:
-    """Draw those marks that move in place of where they were: at some times (s), pale at first and solid at last."""
+def draw_moving_marks(
+    stage: Plotter, marks: Sequence[Mark], ground: Ground, times: Mapping[float, bool], met: bool, name: str
+) -> None:
+    """Draw those marks of a goal, `met` or not, that move in place of where they were.
+
+    They are drawn at those of some times (s) at which the goal applies, pale at first and solid at last; `name` tells
+    the goal's marks from those of others.
+    """
     for k, mark in enumerate(marks):
         for i, (time, share) in enumerate(zip(times, fading(len(times)), strict=True)) if moves(mark) else ():
-            draw_mark(stage, mark, places(mark, ground, time), False, share, f"mark {k} {i}")
+            if times[time]:
+                draw_mark(stage, mark, places(mark, ground, time), met, share, f"{name}, mark {k} {i}")
+            else:
+                stage.remove_actor(f"{name}, mark {k} {i}")
 
 
 def moves(mark: Mark) -> bool:

@@ -26,7 +26,7 @@ _CLOSE = 0.5
 """Share of its tolerance from which the worst moment of a goal that is met is worth a look."""
 _MOST = 12
 """Moments at most that goals and findings ask for."""
-_FINDING, _MISSED, _MET, _END, _WORST, _FILL = range(6)
+_FINDING, _MISSED, _ACT, _MET, _END, _WORST, _FILL = range(7)
 """What is shown first where not all can be."""
 
 
@@ -48,6 +48,10 @@ class Seen:
     at: Callable[[int], Sequence[Mark]] = lambda frame: ()
     report: TermReport | None = None
 
+    def applies(self, frame: int) -> bool:
+        """It applies at a frame."""
+        return bool(self.active[frame])
+
     @property
     def met(self) -> bool:
         """It is known to be met."""
@@ -67,6 +71,15 @@ def seen(term: Term, motion: Motion, context: Context, report: TermReport | None
 
 
 @dataclass(frozen=True)
+class Shown:
+    """An action of a script as pictures show it: its name, and from when to when (s) it is done."""
+
+    name: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True)
 class Moment:
     """A moment to show: its frame, its rank (0 comes first) and what it is about, by name."""
 
@@ -80,12 +93,19 @@ class Moment:
         return self.rank < _FILL
 
 
-def moments_of(motion: Motion, goals: Sequence[Seen], verdict: Verdict | None) -> list[Moment]:
-    """Moments of one motion ``[T, J, 3]``, the earliest first: what goals and findings are about, and some between."""
+def moments_of(
+    motion: Motion, goals: Sequence[Seen], verdict: Verdict | None, acts: Sequence[Shown] = ()
+) -> list[Moment]:
+    """Moments of one motion ``[T, J, 3]``, the earliest first: what goals and findings are about, and some between.
+
+    Of a script there is one for each act, and of its goals those that are missed.
+    """
     last = int(motion.valid.sum()) - 1
     if last < 1:
         return [Moment(0, _END)]
     asked = [*_of_verdict(motion, verdict), *(m for goal in goals for m in _of_goal(motion, goal, last))]
+    if acts:
+        asked = [m for m in asked if m.rank < _ACT] + [_of_act(motion, act, goals, last) for act in acts]
     chosen: list[Moment] = []
     for moment in sorted([*asked, Moment(0, _END), Moment(last, _END)], key=lambda moment: moment.rank):
         near = next((k for k, c in enumerate(chosen) if abs(c.frame - moment.frame) <= _SAME * motion.fps), None)
@@ -121,6 +141,17 @@ def _of_goal(motion: Motion, goal: Seen, last: int) -> Iterator[Moment]:
                 yield Moment(frame, _MISSED if missed else _MET, (goal.name,))
     if report is not None and report.when is not None and (missed or report.worst > _CLOSE * report.tolerance):
         yield Moment(_frame(motion, report.when), _MISSED if missed else _WORST, (goal.name,))
+
+
+def _of_act(motion: Motion, act: Shown, goals: Sequence[Seen], last: int) -> Moment:
+    """The moment of an act at which most goals apply: the middle one of them."""
+    before, end = (min(_frame(motion, time), last) for time in (act.begin, act.end))
+    first = min(before + 1, end)  # the frame between two acts is the earlier one's
+    count = sum(
+        (goal.active[first : end + 1].astype(int) for goal in goals), start=np.zeros(end + 1 - first, dtype=int)
+    )
+    most = np.flatnonzero(count == count.max())
+    return Moment(first + int(most[len(most) // 2]), _ACT, (act.name,))
 
 
 def _between(motion: Motion, chosen: Sequence[Moment], last: int) -> Iterator[Moment]:

@@ -31,6 +31,8 @@ _AROUND, _LEVEL = 0.2, 0.8
 what is not, as floors."""
 _PLANE = 0.05
 """Metres between planes that are told apart."""
+_HAND = 0.25
+"""Metres from a wrist within which a thing is in the hand, whose grasp is 0.1 m further out."""
 _SOLID: Look = {"scalars": "colour", "rgb": True, **MATT}
 _TILES = ((232, 229, 223), (222, 218, 211))
 _MARGIN = 1.5
@@ -135,6 +137,15 @@ class Room:
             for i, (time, opacity) in enumerate(zip(times, fading(len(times)), strict=True)):
                 surface = facets(thing.mesh(time).triangles, self.moving_colours[k])
                 stage.add_mesh(surface, opacity=opacity, name=f"moving {k} {i}", **_SOLID)
+
+    def draw_in_hands(self, stage: Plotter, time: float, wrists: np.ndarray, place: np.ndarray, name: str) -> None:
+        """What moves and is in a hand of somebody with wrists ``[2, 3]`` (m) at a time (s), moved by `place`."""
+        for k, thing in enumerate(self.scene.moving):
+            triangles = thing.mesh(time).triangles
+            if np.linalg.norm(triangles.reshape(-1, 1, 3) - wrists, axis=-1).min() < _HAND:
+                surface = facets(triangles, self.moving_colours[k])
+                surface.transform(place, transform_all_input_vectors=False, inplace=True)  # colours are no vectors
+                stage.add_mesh(surface, name=f"{name}, thing {k}", **_SOLID)
 
 
 def in_the_way(

@@ -104,7 +104,8 @@ class _Row:
             for mark in goal.at(frame):
                 points = places(mark, picture.ground, picture.time(frame))
                 away = np.linalg.norm(points[:, None] - picture.joints(frame), axis=-1).min(initial=np.inf)
-                if mark.shape in ("ball", "ring", "arrow") and not moves(mark) and away < _NEAR:
+                told = mark.role == "goal" or not moves(mark)
+                if mark.shape in ("ball", "ring", "arrow") and told and away < _NEAR:
                     found.append((mark, goal.met, points))
         return found
 
@@ -133,5 +134,7 @@ class _Row:
         matrix[:3, :3] = self.turn
         matrix[:3, 3] = self.shifts[k] - self.turn @ self.roots[k]
         picture.draw_body(stage, frame, clearance, picture.colour(frame), f"person {k}", matrix, legend=False)
+        wrists, time = picture.wrists(frame), picture.time(frame)
+        picture.room.draw_in_hands(stage, time, wrists, matrix, f"person {k}")
         for mark, met, points in self._near(frame):
             draw_mark(stage, mark, points @ self.turn.T + matrix[:3, 3], met)

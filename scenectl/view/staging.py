@@ -16,7 +16,7 @@ from scenectl.view.camera import Camera, choose, look_from
 from scenectl.view.evidence import draw_evidence
 from scenectl.view.labels import short
 from scenectl.view.marks import LIFT, WAY, draw_line, draw_marks, draw_moving_marks, places, shares
-from scenectl.view.moments import APART, Moment, Seen, moments_of, seen
+from scenectl.view.moments import APART, Moment, Seen, Shown, moments_of, seen
 from scenectl.view.room import GLASS, Room
 from scenectl.view.shapes import body_hull, soft_shadow
 from scenectl.view.stage import ROUND, scaled
@@ -48,6 +48,7 @@ class Staging:
         body: the volume of the person.
         reports: how well each goal of the objective is met, or nothing.
         verdict: on the body, or None.
+        acts: of a script, one after the other.
     """
 
     scene: Scene
@@ -58,6 +59,7 @@ class Staging:
     body: ProxyBody = field(default=DEFAULT_BODY)
     reports: Sequence[TermReport] = ()
     verdict: Verdict | None = None
+    acts: Sequence[Shown] = ()
 
     def set_stage(self, stage: Plotter, camera: Camera, shown: Sequence[int], show_signs: bool) -> None:
         """Camera, light, the scene at rest, goals and the evidence of signs.
@@ -80,7 +82,9 @@ class Staging:
     def draw_moving(self, stage: Plotter, times: Sequence[float]) -> None:
         """What moves of the scene and the goals, in place of where it was: where it is at some times (s)."""
         self.room.draw_moving(stage, times)
-        draw_moving_marks(stage, self.marks, self.ground, times)
+        for k, goal in enumerate(self.goals):
+            applies = {time: goal.applies(self.frame_at(time)) for time in times}
+            draw_moving_marks(stage, goal.marks, self.ground, applies, goal.met, f"goal {k}")
 
     # ---- what is shown when -----------------------------------------------------------------------------------
 
@@ -107,7 +111,9 @@ class Staging:
         """What is drawn: the moment at a time (s), or several over the motion."""
         if self.motion is None:
             return []
-        return moments_of(self.motion, self.goals, self.verdict) if at is None else [Moment(self.motion.frame_at(at))]
+        if at is not None:
+            return [Moment(self.frame_at(at))]
+        return moments_of(self.motion, self.goals, self.verdict, self.acts)
 
     def told(self, moment: Moment, but: Container[str] = ()) -> str:
         """The time of a moment, and what it is about except for some names."""
@@ -140,11 +146,21 @@ class Staging:
         """Seconds on the task's clock."""
         return 0.0 if self.motion is None else float(self.motion.times[frame])
 
+    def frame_at(self, time: float) -> int:
+        """The frame at a time (s)."""
+        return 0 if self.motion is None else self.motion.frame_at(time)
+
     def joints(self, frame: int) -> np.ndarray:
         """The pose at a frame, ``[J, 3]`` m."""
         assert self.motion is not None
         joints: np.ndarray = self.motion.joints[frame].detach().cpu().double().numpy()
         return joints
+
+    def wrists(self, frame: int) -> np.ndarray:
+        """Both at a frame, ``[2, 3]`` m."""
+        assert self.motion is not None
+        names = self.motion.skeleton.names
+        return self.joints(frame)[[names.index(f"{side}_wrist") for side in ("left", "right")]]
 
     @property
     def end(self) -> float:

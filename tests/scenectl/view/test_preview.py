@@ -21,7 +21,7 @@ from scenectl.view import Picture, of_folder, of_result
 from scenectl.view.camera import Camera
 from scenectl.view.caption import Caption, told
 from scenectl.view.labels import COARSE, LONG, Label, cut, draw_labels, font, letters, plain, short, spots
-from scenectl.view.moments import Moment
+from scenectl.view.moments import Moment, Shown
 from scenectl.view.sheet import planned
 from scenectl.view.stage import open_stage
 from scenes.body.body import DEFAULT_BODY
@@ -74,6 +74,25 @@ def test_moments_are_those_that_goals_are_about(tiny: ModuleType) -> None:
     times = at_times(picture, moments)
     assert times[0] == 0.0 and times[-1] == 4.0 and times == sorted(times)
     assert np.diff(times).max() < 0.9  # and some between, so that nothing is left out
+
+
+def test_of_a_script_there_is_a_moment_for_each_act_when_most_of_its_goals_apply(tiny: ModuleType) -> None:
+    motion = moving(tiny, [(0, 0), (0, 2), (0, 4)])
+    near = {"joint": "pelvis", "position": [0.0, 1.3]}
+    goals = Objective(
+        (
+            Term("joint_target", near, window=[0.0, 1.5], tolerance=99.0, name="all along"),
+            Term("joint_target", near, window=[1.1, 1.3], tolerance=99.0, name="at its end"),
+            Term("joint_target", near, at=3.5, name="missed"),
+        )
+    )
+    acts = [Shown("1 walk", 0.0, 1.5), Shown("2 stand", 1.5, 2.5), Shown("3 wave", 2.5, 4.0)]
+    moments = judged(Picture(Scene.empty(), motion, objective=goals, acts=acts)).moments(None)
+    found = {moment.about: motion.times[moment.frame].item() for moment in moments if moment.about}
+    assert found[("1 walk",)] == pytest.approx(1.2, abs=0.06)
+    assert found[("2 stand",)] == pytest.approx(2.0, abs=0.06)
+    assert found[("missed", "3 wave")] == pytest.approx(3.5, abs=0.06)  # of its goals those that are missed
+    assert len(found) == 3
 
 
 def test_the_worst_moment_of_a_goal_about_all_of_a_motion_is_shown(tiny: ModuleType) -> None:

@@ -229,13 +229,53 @@ def test_slices_and_the_window_follow_what_moves(tiny: ModuleType) -> None:
     window = Window(picture, stage)
     try:
         assert sum(bounds(stage, "moving 0 0")[:2]) / 2 == pytest.approx(3.0, abs=1e-5)
-        assert bounds(stage, "mark 0 0")[:2] == pytest.approx((-2.25, -1.75), abs=0.01)
+        assert bounds(stage, "goal 0, mark 0 0")[:2] == pytest.approx((-2.25, -1.75), abs=0.01)
         window.at(1.0)
         assert sum(bounds(stage, "moving 0 0")[:2]) / 2 == pytest.approx(2.0, abs=1e-5)
-        assert bounds(stage, "mark 0 0")[:2] == pytest.approx((-3.25, -2.75), abs=0.01)
-        assert sum(name.startswith(("moving 0", "mark 0")) for name in stage.actors) == 2
+        assert bounds(stage, "goal 0, mark 0 0")[:2] == pytest.approx((-3.25, -2.75), abs=0.01)
+        assert sum(name.startswith(("moving 0", "goal 0")) for name in stage.actors) == 2
     finally:
         stage.close()
+
+
+def test_contacts_are_marked_on_the_body_while_they_last(tiny: ModuleType) -> None:
+    motion = walk(tiny)
+    objective = Objective((Term("contact", {"part": "left_hand"}, window=(0.5, 1.0), tolerance=9.0),))
+    picture = Picture(Scene.empty(), motion, objective=objective)
+    stage = open_stage(SMALL)
+    try:
+        window = Window(picture, stage)
+        for time, there in ((0.0, False), (0.8, True), (1.5, False)):
+            window.at(time)
+            assert ("goal 0, mark 0 0" in stage.actors) == there
+            if there:
+                wrist = picture.wrists(picture.frame_at(time))[0]
+                middle = np.reshape(bounds(stage, "goal 0, mark 0 0"), (3, 2)).mean(axis=1)
+                assert np.linalg.norm(middle - wrist) < 0.15
+    finally:
+        stage.close()
+
+
+def test_what_is_in_a_hand_is_drawn_beside_the_person_in_its_colours(tiny: ModuleType) -> None:
+    motion = walk(tiny)
+    wrist = motion.joint("right_wrist").double()
+    box = Box((0.0, 0.0, 0.0), (0.1, 0.1, 0.1)).mesh()
+    path, away = (Trajectory(motion.times.tolist(), places.tolist()) for places in (wrist, wrist + 1.0))
+    scene, far = (Scene(objects=[MovingObject(box, way)], floor=0.0) for way in (path, away))
+    turned = np.array([[0.0, 0.0, 1.0, 5.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    for room, there in ((scene, True), (far, False)):
+        picture = Picture(room, motion)
+        stage = open_stage(SMALL)
+        try:
+            picture.room.draw_in_hands(stage, picture.time(10), picture.wrists(10), turned, "person 3")
+            assert ("person 3, thing 0" in stage.actors) == there
+            if there:
+                middle = np.reshape(bounds(stage, "person 3, thing 0"), (3, 2)).mean(axis=1)
+                assert middle == pytest.approx((turned @ [*wrist[10].tolist(), 1.0])[:3], abs=0.01)
+                drawn = stage.actors["person 3, thing 0"].mapper.dataset["colour"]
+                assert (drawn[0] == picture.room.moving_colours[0][0]).all()
+        finally:
+            stage.close()
 
 
 def torn_box() -> Mesh:
