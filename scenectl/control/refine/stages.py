@@ -47,7 +47,7 @@ def search(setting: Setting) -> Solution:
     level = Rise.of(goals) is None
     costs = walk_costs(level, setting.thresholds) if walks else ()
     goals = Objective((*goals.terms, *costs)) if costs else goals
-    few = {"iterations": min(solver.lead, solver.iterations), "enough": None}
+    few = {"iterations": min(solver.lead, solver.iterations)}
     led = setting.solve(Objective((*leading, *(costs if level else ()))), settings=solver.model_copy(update=few))
     found = setting.solve(goals, led.value)
     found = replace(found, evaluations=found.evaluations + led.evaluations)
