@@ -114,7 +114,7 @@ def test_people_walk_down_steps() -> None:
     motion = result.motion[0]
     feet = motion.select(FEET)
     over = feet[..., 1] - scene.ground_under(feet) - SOLE
-    # Toes over an edge are a riser above what is under them, and as high as feet that carry (`foot_contact` has 0.05 m);
+    # Toes over an edge are a riser above what is under them, and as high as feet that carry (5 cm);
     # whether it is well done, the verdict says, and often not.
     assert over.amin(-1).max() < 0.17 + 0.05 and float(motion.joint("pelvis")[-1, 1]) == pytest.approx(0.95, abs=0.1)
     assert result.setup.doubts[-1].startswith("the walk takes 4 steps down of up to 0.17 m")

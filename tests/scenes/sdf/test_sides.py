@@ -17,6 +17,7 @@ from scenes.mesh.pieces import Pieces
 from scenes.mesh.primitives import Box
 from scenes.mesh.surface import Surface
 from scenes.sdf.bake import bake
+from scenes.sdf.exact import speakers
 from scenes.world.moving import MovingObject, Trajectory
 from scenes.world.scene import Scene
 
@@ -159,6 +160,23 @@ def test_overlapping_solids_are_their_union_however_they_face(heap: list[tuple[f
     exact, expected = scene.distance_exact(points), union.distance_exact(points)
     near = np.abs(expected) < 0.9  # nearer than the slab
     assert np.abs(exact - expected)[near].max() < 1e-6
+
+
+@given(st.integers(0, 2**31), st.integers(1, 4), st.floats(0.02, 3.0))
+def test_points_speak_for_others_on_their_side_alone(seed: int, count: int, spread: float) -> None:
+    draw = np.random.default_rng(seed)
+    middles, radii = draw.uniform(-1, 1, (count, 3)), draw.uniform(0.05, 0.8, count)
+    points = draw.normal(0.0, spread, (300, 3))
+    signed = np.linalg.norm(points[:, None] - middles, axis=-1) - radii  # spheres, whose union has a boundary
+    inside, unsigned = (signed < 0).any(axis=1), np.abs(signed).min(axis=1)
+    whose = speakers(points, unsigned)
+    assert (inside[whose] == inside).all() and (whose[whose] == whose).all()
+
+
+def test_few_points_are_asked_for_their_side() -> None:
+    points = np.random.default_rng(0).uniform(-2, 2, (20_000, 3))
+    unsigned = np.abs(np.linalg.norm(points, axis=1) - 1.0)
+    assert len(np.unique(speakers(points, unsigned))) < 0.15 * len(points)
 
 
 def test_depth_and_gradient_in_nested_solids() -> None:
