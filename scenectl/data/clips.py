@@ -29,13 +29,13 @@ _FORMAT = 14
 """Raised whenever prepared data must be made again."""
 
 OFTEN = {
-    COMPOSED: 4.0,
+    COMPOSED: 3.0,
     "sit down": 3.0,
     "stand up": 3.0,
-    "idle": 5.0,
+    "idle": 3.0,
     "squat": 3.0,
-    "bandai: walk-turn-left": 4.0,
-    "bandai: walk-turn-right": 6.0,
+    "bandai: walk-turn-left": 3.0,
+    "bandai: walk-turn-right": 3.0,
     "reach": 2.0,
     "pick up": 2.0,
     "put down": 2.0,

@@ -103,6 +103,11 @@ class TimedText:
         """The same with every tensor changed alike along its first axis, or moved."""
         return TimedText(*(change(getattr(self, field.name)) for field in fields(self)))
 
+    @property
+    def several(self) -> Bool[Tensor, " B"]:
+        """Which motions are told more than one sentence."""
+        return (self.owner > 0).any(-1)
+
     def shares(self, edges: Float[Tensor, "M 2"]) -> Float[Tensor, "B M S"]:
         """How much of each of M stretches (begin, end) each sentence is about, 0 to 1."""
         low, high = edges.unbind(-1)

@@ -23,10 +23,6 @@ SHOWN, MOSTLY = 16, 2 / 3
 """Frames of an act that a window shows at least, or share of a short act, for its caption to be about the window: what
 is told of somebody who sits down shall not be the last moments of it and then seconds on a seat."""
 
-ACT_BY_ACT = 3 / 4
-"""Share of the windows of several acts that are told act by act: that is how a generator is told them
-(`scenectl.generators.spec.check_request`); one sentence about all is left to those that can't be taken apart."""
-
 _BATCH = 64
 """Texts that are encoded at once."""
 
@@ -114,8 +110,8 @@ def _agrees(known: _Encoded, encoder: TextEncoder) -> bool:
 class Captions:
     """Text features of every caption, encoded once.
 
-    A window of a clip that shows several things one after another is told what it shows of them, act by act
-    (`ACT_BY_ACT`) or in one sentence.
+    A window of a clip that shows several things one after another is told what it shows of them, in one sentence or
+    act by act, as often one as the other.
     """
 
     def __init__(self, data: ClipSet, encoder: TextEncoder, cache: Path | None = None) -> None:
@@ -150,7 +146,7 @@ def sentences(told: Sequence[Told], offset: int, frames: int, draw: random.Rando
     acts = [one for one in told[1:] if one.acts == 1] if told[0].acts > 1 else told[:1]
     shown = [one for one in acts if _overlap(one, offset, frames) >= enough(one.end - one.begin)]
     shown = shown or [max(acts, key=lambda one: _overlap(one, offset, frames))]
-    if len(shown) > 1 and draw.random() < ACT_BY_ACT:
+    if len(shown) > 1 and draw.random() < 0.5:
         edges = [0, *(one.begin - offset for one in shown[1:]), frames]
         return [one._replace(begin=a, end=b) for one, a, b in zip(shown, edges[:-1], edges[1:], strict=True)]
     joint = next(one for one in told if (one.begin, one.acts) == (shown[0].begin, len(shown)))

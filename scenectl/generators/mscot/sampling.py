@@ -233,7 +233,9 @@ class MSCoT:
         twice = [torch.cat([e, e]) for e in map(state.windows.rows, state.codes)]
         both = self.bundle.transformer.predict(self.quantiser, text, twice, k, state.finest, cache)
         told, untold = both.chunk(2)
-        logits = untold + cfg_at(self.sampling, k, self.quantiser.scales) * (told - untold)
+        several, _ = text.several.chunk(2)
+        weight = cfg_at(self.sampling, k, self.quantiser.scales, several).to(told)[:, None, None]
+        logits = untold + weight * (told - untold)
         return state.windows.series((logits / self.sampling.temperature).log_softmax(-1))
 
     def _guided(self, state: _State, prior: Float[Tensor, "S L_k V"], k: int, guide: Guide) -> Float[Tensor, "S L_k V"]:
@@ -280,10 +282,14 @@ class MSCoT:
         return self._step(state, value, latent)
 
 
-def cfg_at(sampling: Sampling, k: int, scales: int) -> float:
-    """Classifier-free guidance weight at scale k of `scales`."""
-    finer = k / max(1, scales - 1)
-    return sampling.cfg * (sampling.cfg_coarsest + (1 - sampling.cfg_coarsest) * finer)
+def cfg_at(sampling: Sampling, k: int, scales: int, several: Bool[Tensor, " B"]) -> Float[Tensor, " B"]:
+    """Classifier-free guidance weights at scale k of `scales`, of motions that are told `several` sentences or one.
+
+    A coarse token is about several sentences at once, so that each says less to it than one alone would: their weight
+    falls evenly from `cfg_coarsest` times `cfg` at the coarsest scale.
+    """
+    share = 1 - k / max(1, scales - 1)
+    return sampling.cfg * (1 + (sampling.cfg_coarsest - 1) * share * several)
 
 
 def _sample(logits: Float[Tensor, "S L V"], top_p: float, draw: torch.Generator) -> Int[Tensor, "S L"]:

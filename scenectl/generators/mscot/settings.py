@@ -22,10 +22,11 @@ class Sampling(Table):
     """How tokens are drawn.
 
     Attributes:
-        cfg: classifier-free guidance weight on the logits of the finest scale, before any goal (the paper: 5 at all
-            scales). More makes feet slide.
-        cfg_coarsest: how many times `cfg` that weight is at the coarsest scale; it falls evenly from there. Coarse
-            tokens decide what is done, so that more of it follows a sentence better.
+        cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5). More follows rare words of
+            a sentence better, such as "ducks", and makes feet slide.
+        cfg_coarsest: how many times `cfg` that weight is at the coarsest scale, where a window is told several
+            sentences (`sampling.cfg_at`). Twice as much does all acts of a sentence more often; people who are told to
+            stand would sway too little by it.
         temperature: of the softmax; below a thousandth the likeliest token would be drawn every time.
         top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
             is kept; 1 keeps all.

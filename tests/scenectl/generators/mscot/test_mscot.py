@@ -174,7 +174,7 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
     made = bundle()
     first: list[Tensor] = []
     for cfg in (0.0, 1.0, 2.0):
-        generator = MSCoT(made, Sampling(cfg=cfg, cfg_coarsest=1.0, temperature=1.0))
+        generator = MSCoT(made, Sampling(cfg=cfg, temperature=1.0))
         text = generator._text(Prompts.of("a person walks"), covering(10), 1)
         first.append(generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache()))
     transformer, q = made.transformer, made.tokenizer.quantiser
@@ -185,19 +185,23 @@ def test_classifier_free_guidance_runs_from_no_text_to_text_and_beyond() -> None
         torch.testing.assert_close(got, wanted.log_softmax(-1), atol=1e-4, rtol=1e-4)
 
 
-def test_classifier_free_guidance_falls_evenly_from_the_coarsest_scale_to_the_finest() -> None:
+def test_classifier_free_guidance_of_several_sentences_falls_evenly_from_the_coarsest_scale() -> None:
+    both, sampling = torch.tensor([True, False]), Sampling(cfg=2.0, cfg_coarsest=2.5)
+    weights = torch.stack([cfg_at(sampling, k, 5, both) for k in range(5)])
+    torch.testing.assert_close(weights, torch.stack([torch.linspace(5.0, 2.0, 5), torch.full((5,), 2.0)], dim=1))
+    assert cfg_at(sampling, 0, 1, both).tolist() == [5.0, 2.0]
     made = bundle()
-    weights = torch.tensor([cfg_at(Sampling(cfg=2.0, cfg_coarsest=2.5), k, 5) for k in range(5)])
-    torch.testing.assert_close(weights, torch.linspace(5.0, 2.0, 5))
-    assert {cfg_at(Sampling(cfg=3.0, cfg_coarsest=1.0), k, 5) for k in range(5)} == {3.0}
-    assert cfg_at(Sampling(cfg=2.0, cfg_coarsest=2.5), 0, 1) == 5.0
 
-    def coarsest(**sampling: float) -> Tensor:
+    def coarsest(prompts: Prompts, **sampling: float) -> Tensor:
         generator = MSCoT(made, Sampling(temperature=1.0, **sampling))
-        text = generator._text(Prompts.of("a person walks"), covering(10), 1)
+        text = generator._text(prompts, covering(10), 1)
         return generator._prior(_State(40, covering(10), HERE, [], [], []), text, 0, Cache())
 
-    torch.testing.assert_close(coarsest(cfg=2.0, cfg_coarsest=1.5), coarsest(cfg=3.0, cfg_coarsest=1.0))
+    two = Prompts((Prompt("a person walks"), Prompt("a person waves", 1.0)))
+    torch.testing.assert_close(coarsest(two, cfg=2.0, cfg_coarsest=1.5), coarsest(two, cfg=3.0, cfg_coarsest=1.0))
+    one = Prompts.of("a person walks")
+    torch.testing.assert_close(coarsest(one, cfg=2.0, cfg_coarsest=1.5), coarsest(one, cfg=2.0, cfg_coarsest=1.0))
+    assert not torch.allclose(coarsest(two, cfg=2.0, cfg_coarsest=1.5), coarsest(two, cfg=2.0, cfg_coarsest=1.0))
 
 
 def test_a_low_temperature_leaves_no_choice() -> None:
