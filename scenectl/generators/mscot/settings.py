@@ -25,8 +25,8 @@ class Sampling(Table):
         cfg: classifier-free guidance weight on the logits, before any goal (the paper: 5). More follows rare words of
             a sentence better, such as "ducks", and makes feet slide.
         cfg_coarsest: how many times `cfg` that weight is at the coarsest scale, where a window is told several
-            sentences (`sampling.cfg_at`). Twice as much does all acts of a sentence more often; people who are told to
-            stand would sway too little by it.
+            sentences (`sampling.cfg_at`). More does all acts of a sentence more often, up to about here
+            (`scenectl bench sentences`); people who are told to stand would sway too little by it.
         temperature: of the softmax; below a thousandth the likeliest token would be drawn every time.
         top_p: smallest set of tokens with this share of what is drawn from (the prior, tilted where there are goals)
             is kept; 1 keeps all.
@@ -37,7 +37,7 @@ class Sampling(Table):
     """
 
     cfg: float = Field(default=2.0, ge=0)
-    cfg_coarsest: float = Field(default=2.0, ge=0)
+    cfg_coarsest: float = Field(default=2.5, ge=0)
     temperature: float = Field(default=0.7, ge=1e-3)
     top_p: float = Field(default=0.95, ge=1e-6, le=1)
     clip_nats: float = Field(default=12.0, ge=0)
