@@ -30,6 +30,8 @@ class SolverSettings(Table):
         iterations: at most this many steps (a tenth where "auto" takes Gauss-Newton, whose steps take many
             passes each); 0 switches refinement off.
         step: step size; by default 0.05 for Adam and the paper's 0.01 for gradient ascent. L-BFGS finds its own.
+        least: steps that are made though goals are met before, for costs that are never met; walks that are led past
+            walls have a few of their own.
         prior: pull towards where a search begins, in cost per squared distance, of which the step states the unit
             (`Step.unit`): keeps what goals leave free as the generator made it.
         patience: steps in a row that decrease the cost by less than `progress` after which the search ends.
@@ -48,6 +50,7 @@ class SolverSettings(Table):
     name: Literal["auto", "lm", "gauss_newton", "lbfgs", "adam", "gradient"] = "auto"
     iterations: int = Field(default=100, ge=0)
     step: float | None = Field(default=None, gt=0)
+    least: int = Field(default=0, ge=0)
     prior: float = Field(default=1e-5, ge=0)
     patience: int = Field(default=10, ge=1)
     progress: float = Field(default=1e-4, gt=0)

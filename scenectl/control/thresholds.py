@@ -41,6 +41,7 @@ class Thresholds:
     swing: float = _entry(1.0, "m/s", "delta of its Geman-McClure kernel: faster feet swing", BODY)
     clearance: float = _entry(3.0, "", "weight of `foot_clearance`", BODY)
     foot: float = _entry(4e3, "1/m^2", "cost of a foot that is lifted or in the ground, each frame", BODY)
+    led_steps: int = _entry(4, "", "steps at least of walks that are led, in which feet cease to slide", WALLS)
     led_clearance: float = _entry(5.0, "", "weight of `foot_clearance` there", WALLS)
     led_skating: float = _entry(200.0, "", "weight of `foot_skating` of the foot that carries there", WALLS)
     carries: float = _entry(0.1, "m", "height over the scene below which a foot may carry there", WALLS)

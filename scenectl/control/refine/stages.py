@@ -47,9 +47,11 @@ def search(setting: Setting) -> Solution:
     level = Rise.of(goals) is None
     costs = walk_costs(level, setting.thresholds) if walks else ()
     goals = Objective((*goals.terms, *costs)) if costs else goals
+    least = max(solver.least, setting.thresholds.led_steps) if costs else solver.least
+    solver = solver.model_copy(update={"least": least})
     few = {"iterations": min(solver.lead, solver.iterations)}
     led = setting.solve(Objective((*leading, *(costs if level else ()))), settings=solver.model_copy(update=few))
-    found = setting.solve(goals, led.value)
+    found = setting.solve(goals, led.value, solver)
     found = replace(found, evaluations=found.evaluations + led.evaluations)
     lost = ~(setting.cost(setting.motion(found)) <= setting.cost(step.motion))  # nan, too
     samples = lost.nonzero()[:, 0]

@@ -168,6 +168,7 @@ class Search:
         iterations: steps at most.
         prior: cost of a squared distance of one from the start.
         active: samples that are still searched for.
+        met: samples whose best point is good enough to stop at.
         evaluations: passes so far.
     """
 
@@ -182,6 +183,7 @@ class Search:
         self.reasons: list[Reason] = ["budget"] * len(start)
         self.idle = torch.zeros_like(start[:, 0], dtype=torch.long)
         self.active = torch.ones_like(start[:, 0], dtype=torch.bool)
+        self.met = torch.zeros_like(self.active)
 
     def solution(self, solver: str) -> Solution:
         """The best so far, under the name of a solver."""
@@ -217,7 +219,9 @@ class Search:
         self.history.append(self.cost.clone())
         self.idle = torch.where(worthwhile | best.isinf(), torch.zeros_like(self.idle), self.idle + 1)
         self.retire(self.idle >= self.settings.patience, "no progress")
-        self.retire(better & met, "met")
+        self.met = torch.where(better, met, self.met)
+        if len(self.history) > self.settings.least:
+            self.retire(self.met, "met")
         enough = self.settings.enough
         if enough is not None and self.reasons.count("met") >= enough:
             self.retire(self.active.clone(), "abandoned")

@@ -443,6 +443,9 @@ def test_a_search_ends_with_the_pass_that_meets_its_goals(name: str) -> None:
     assert got.reasons == ["met"] and told[-1] and not any(told[:-1])
     told.clear()
     assert solve(quadratic, CENTRES[:1] + 0.1, name, done).reasons == ["met"] and len(told) == 1
+    step = None if name in STEPLESS else 0.01
+    got = solve(quadratic, CENTRES[:1] + 0.5, name, done, step=step, least=3, progress=1e-9)
+    assert got.reasons == ["met"] and len(got.history) == 4  # with the start, and better than it
 
 
 def test_a_solver_of_residuals_wants_residuals() -> None:
