@@ -42,9 +42,8 @@ BRAKE = 0.7
 """Seconds over which a walk that stops slows down, a step and a half: with 1.0 the corridor is left more often."""
 STAND = 0.3
 """Seconds for which a walk that stops stands at least."""
-ALONG, STILL, DOWN = 4.0, 3.0, 300.0
-"""Weights of the way, of standing still and of feet on the ground. With a weight of one for the way a walk that begins
-with a turn takes twice the passes; with three times the other two, walks down stairs end in a riser."""
+STILL, DOWN = 3.0, 300.0
+"""Weights of standing still and of feet on the ground: with three times as much, walks down stairs end in a riser."""
 REACH = 0.9
 """Metres over the floor to where a hand reaches of a person who stands and leans: an arm of 0.65 m, and a little."""
 LEGS = {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot"))}
@@ -212,7 +211,7 @@ def _way(
         "height": PELVIS * body.size + body.sole_offset if rises else None,
     }
     window = None if until is None else (0.0, until)
-    terms = [Term("follow_path", corridor, ALONG * walk.weight, window=window, name="walk: path")]
+    terms = [Term("follow_path", corridor, walk.weight, window=window, name="walk: path")]
     times = [schedule.passed(share) for share in np.cumsum(lengths[:-1]) / sum(lengths)]
     between = [0.0, *((a + b) / 2 for a, b in pairwise(times)), schedule.arrive]
     for k, (leg, time) in enumerate(zip(legs, times, strict=False)):
