@@ -27,8 +27,8 @@ Height = Annotated[float, Field(gt=0.3, le=3.0)]
 SLOWER = {"forwards": 1.0, "backwards": 0.6, "sideways": 0.5}
 """Share of the usual pace at which people walk each way."""
 ALONG = 4.0
-"""Factor on the weight of a way: without it, a walk that begins with a turn takes twice the passes to get on its way
-(`examples/tasks/flat_six.toml`)."""
+"""Factor on the weight of a level way: without it, a walk that begins with a turn takes twice the passes to get on its
+way (`examples/tasks/flat_six.toml`); with it, nobody comes to stand at the head of steps."""
 STARTS = 0.5
 """Seconds that it takes to get going from where one stands, about as long as in the starts found in recordings
 (`scenectl bench data` draws them). Ours."""
@@ -109,9 +109,9 @@ def climb(world: World, state: State, *, to: Place, seconds: Seconds | None = No
 
 
 def _among_acts(term: Term, frame: float) -> Term:
-    """A goal of a walk between other acts: ways weigh more, and limits of speeds leave out their last frame (s), whose
-    speed is that at which the next act begins."""
-    if term.spec.name == "follow_path":
+    """A goal of a walk between other acts: level ways weigh more, and limits of speeds leave out their last frame (s),
+    whose speed is that at which the next act begins."""
+    if term.spec.name == "follow_path" and term.parameters.get("height") is None:
         return replace(term, weight=ALONG * term.weight)
     if term.spec.name != "speed_limit" or term.window is None:
         return term
