@@ -105,8 +105,9 @@ class TimedText:
 
     @property
     def several(self) -> Bool[Tensor, " B"]:
-        """Which motions are told more than one sentence."""
-        return (self.owner > 0).any(-1)
+        """Which motions are told more than one thing: a sentence that is said twice is one."""
+        other = (self.sentence != self.sentence[:, :1]).any(-1)
+        return (other & (self.end > self.begin)).any(-1)
 
     def shares(self, edges: Float[Tensor, "M 2"]) -> Float[Tensor, "B M S"]:
         """How much of each of M stretches (begin, end) each sentence is about, 0 to 1."""

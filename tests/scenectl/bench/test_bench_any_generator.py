@@ -34,7 +34,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_rooms_are_walked_through() -> None:
     result = bench_rooms(TinyGenerator(), tasks=1, samples=1)
     assert result["summary"]["tasks"] == 3 and set(result["summary"]["rejected"]) == set(result["summary"]["by_mesh"])
-    assert all(row["missed_m"] < 0.25 for row in result["rows"])  # a statue slides there, as far as sliding may cost
+    for row in result["rows"]:  # a statue slides there, as far as sliding may cost
+        assert row["missed_m"] < row["planned_path_m"] / 8
 
 
 def test_poses_are_counted_as_met_where_they_are(data: Path) -> None:
